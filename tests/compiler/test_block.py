@@ -45,7 +45,7 @@ def test_swapped_states_and_rings_are_written_in_place():
     assert body.index("out->old") > 0
 
 
-def test_an_array_that_is_read_after_its_update_is_copied_first():
+def test_array_read_after_its_update_is_copied_first():
     def late(p, s, u):
         ring = s.ring.at[s.at].set(u)
         return Ring(a=s.b, b=s.a, ring=ring, at=s.at), s.ring[s.at]
@@ -53,7 +53,7 @@ def test_an_array_that_is_read_after_its_update_is_copied_first():
     assert "for (" in made(late).source
 
 
-def test_header_says_whether_loops_are_bounded():
+def test_header_states_whether_loops_are_bounded():
     assert "every loop is bounded" in made(bounded).header
 
     def until(p, s, u):
@@ -62,7 +62,7 @@ def test_header_says_whether_loops_are_bounded():
     assert "the length of some loops depends on data" in made(until).header
 
 
-def test_members_carry_unit_and_meaning_and_the_chosen_type():
+def test_header_members_have_unit_meaning_and_type():
     header = made(bounded, "f32").header
     assert "float k;  /* 1/s: Gain. */" in header
     assert "float ring[60];  /* m: Past. */" in header

@@ -45,7 +45,7 @@ def same(got: Any, wanted: Any, relative: float = 1e-13) -> None:
         np.testing.assert_allclose(g, w, rtol=relative if w.dtype == np.float64 else 3e-6)
 
 
-def test_trees_of_every_kind_go_in_and_out() -> None:
+def test_accepts_and_returns_trees_of_every_kind() -> None:
     def f(x, tree, cart, pair):
         k = cart.spring.k * tree["gain"][1]
         moved = Cart(Spring(k, cart.spring.rest + x), cart.kind)
@@ -63,7 +63,7 @@ def test_trees_of_every_kind_go_in_and_out() -> None:
         compiled(*arguments[:2], Cart(Spring(3.0, np.ones(2)), "other"), arguments[3])
 
 
-def test_records_without_options_are_taken_apart_in_c() -> None:
+def test_records_without_options_are_flattened_in_c() -> None:
     spring = Spring(3.0, np.array([1.0, 2.0]))
     compiled = trimtab.compile(lambda s: s.k * s.rest, spring)
     assert np.array_equal(compiled(Spring(2.0, np.array([4.0, 5.0]))), [8.0, 10.0])
@@ -72,7 +72,7 @@ def test_records_without_options_are_taken_apart_in_c() -> None:
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int8, np.int32, np.int64, np.uint16, np.uint64, np.bool_])
-def test_types_are_those_of_the_example(dtype: Any) -> None:
+def test_dtypes_follow_the_example(dtype: Any) -> None:
     x = np.array([[1, 0, 3], [4, 5, 1]], dtype)
 
     def f(x):
@@ -99,7 +99,7 @@ def waves(x, y):
 @pytest.mark.thorough
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("lanes", [1, 4, 8])
-def test_lanes_and_threads_give_the_bits_of_single_calls(dtype: Any, lanes: int) -> None:
+def test_lanes_and_threads_match_single_calls_bitwise(dtype: Any, lanes: int) -> None:
     rng = np.random.default_rng(lanes)
     x, y = (rng.normal(scale=3.0, size=(19, 5)).astype(dtype) for _ in range(2))
     x[3, 2], x[4, 1], x[5, 0] = np.nan, np.inf, -0.0
@@ -113,7 +113,7 @@ def test_lanes_and_threads_give_the_bits_of_single_calls(dtype: Any, lanes: int)
             np.testing.assert_allclose(one, w[k], rtol=2e-5 if dtype == np.float32 else 1e-12, atol=1e-6)
 
 
-def test_an_array_without_the_axis_of_runs_is_the_same_for_all() -> None:
+def test_array_without_run_axis_is_shared_by_all_runs() -> None:
     compiled = trimtab.compile(lambda x, k: x * k, np.zeros(3), 1.0)
     x = np.arange(15.0).reshape(5, 3)
     assert np.array_equal(compiled.lanes(x, 2.0), 2 * x)
@@ -125,7 +125,7 @@ def test_an_array_without_the_axis_of_runs_is_the_same_for_all() -> None:
     assert compiled.lanes(np.zeros((0, 3)), 1.0).shape == (0, 3)
 
 
-def test_float64_needs_no_setting_of_jax(tmp_path: Any) -> None:
+def test_float64_works_without_jax_x64_setting(tmp_path: Any) -> None:
     def noisy(x: Any, words: Any) -> Any:
         draws = jax.random.normal(jax.random.wrap_key_data(words), (3,))
         return {"line": jnp.linspace(0.0, x, 3) + draws, "large": jnp.sort(jnp.arange(60)[::-1]) * 2**40}
@@ -144,14 +144,14 @@ def test_float64_needs_no_setting_of_jax(tmp_path: Any) -> None:
     same(vectors[0, -3:], first["line"])
 
 
-def test_arrays_made_in_float32_stay_so() -> None:
+def test_float32_arrays_stay_float32() -> None:
     with jax.enable_x64(False):
         weights = jnp.arange(3.0)
         function = trimtab.compile(lambda x: weights * x, weights)
         assert function(weights).dtype == np.float32
 
 
-def test_gradients_and_hessians_compile_as_any_function() -> None:
+def test_gradients_and_hessians_compile() -> None:
     def rosenbrock(x):
         return jnp.sum(100 * (x[1:] - x[:-1] ** 2) ** 2 + (1 - x[:-1]) ** 2)
 
@@ -160,7 +160,7 @@ def test_gradients_and_hessians_compile_as_any_function() -> None:
         same(trimtab.compile(derived, x)(x), jax.jit(derived)(x), 1e-12)
 
 
-def test_arguments_by_name_and_numbers_of_python() -> None:
+def test_accepts_keyword_arguments_and_python_numbers() -> None:
     compiled = trimtab.compile(lambda x, n, on: jnp.where(on, x * n, x), 1.0, 2, True)
     assert compiled(3, n=2, on=True) == 6.0
     assert compiled(np.float32(0.5), 4, np.bool_(False)) == 0.5
@@ -168,7 +168,7 @@ def test_arguments_by_name_and_numbers_of_python() -> None:
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int8, np.int32, np.int64, np.uint16, np.uint64, np.bool_])
-def test_numbers_of_numpy_are_taken_as_they_are(dtype: Any) -> None:
+def test_numpy_scalars_keep_value_and_dtype(dtype: Any) -> None:
     compiled = trimtab.compile(lambda x, y: (x, y), dtype(0), np.zeros(2))
     for number in (dtype(1), dtype(0), np.array([dtype(100)])[0]):
         got = compiled(number, np.ones(2))[0]
@@ -180,7 +180,7 @@ def test_numbers_of_numpy_are_taken_as_they_are(dtype: Any) -> None:
 @pytest.mark.parametrize(
     "function", [jnp.signbit, jnp.isnan, jnp.sqrt, jnp.float_power, jnp.select], ids=lambda f: f.__name__
 )
-def test_names_of_the_c_library_are_no_names_of_functions(function: Any) -> None:
+def test_compiles_functions_named_like_c_library_functions(function: Any) -> None:
     def named(x):
         return -x
 
@@ -216,7 +216,7 @@ REFUSED: dict[str, tuple[Any, ...]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_not_like_the_example_is_refused_before_anything_runs(name: str) -> None:
+def test_rejects_arguments_unlike_the_example(name: str) -> None:
     compiled = trimtab.compile(lambda x, y: x + y, 1.0, np.zeros(3))
     with pytest.raises(InputError) as caught:
         compiled(*REFUSED[name])
@@ -224,7 +224,7 @@ def test_what_is_not_like_the_example_is_refused_before_anything_runs(name: str)
     assert np.array_equal(compiled(1.0, np.zeros(3)), np.ones(3))
 
 
-def test_numbers_that_would_lose_something_are_refused() -> None:
+def test_rejects_lossy_conversions() -> None:
     single = trimtab.compile(lambda x: x * 2, np.float32(1))
     with pytest.raises(InputError, match=r"astype\(np\.float32\)"):
         single(np.zeros(()))
@@ -236,7 +236,7 @@ def test_numbers_that_would_lose_something_are_refused() -> None:
     assert whole(2**63 - 1) == -(2**63)
 
 
-def test_wrong_examples_are_refused() -> None:
+def test_rejects_invalid_examples() -> None:
     with pytest.raises(InputError, match="not an array"):
         trimtab.compile(lambda x: x, "text")
     with pytest.raises(InputError, match="branches in Python"):
@@ -249,7 +249,7 @@ def test_wrong_examples_are_refused() -> None:
         jax.jit(compiled)(1.0)
 
 
-def test_eight_threads_call_at_once() -> None:
+def test_eight_threads_call_concurrently() -> None:
     def f(x, k):
         return jnp.cumsum(jnp.sin(x) * k)[::-1], k
 
@@ -278,7 +278,7 @@ def test_eight_threads_call_at_once() -> None:
     assert not wrong
 
 
-def test_results_do_not_share_memory_and_nothing_leaks() -> None:
+def test_results_share_no_memory_and_do_not_leak() -> None:
     import resource
 
     x = np.arange(1000.0)
@@ -296,7 +296,7 @@ def test_results_do_not_share_memory_and_nothing_leaks() -> None:
 
 @pytest.mark.real_time
 @pytest.mark.parametrize("number", [1.0, np.float64(1.0), np.array(1.0)], ids=["Python", "numpy", "array"])
-def test_a_call_costs_less_than_numpys_product_of_two_numbers(number: Any) -> None:
+def test_call_costs_less_than_numpy_multiply(number: Any) -> None:
     compiled = trimtab.compile(lambda x: x * 2.0, 1.0)
     rounds: dict[str, list[float]] = {"compiled": [], "numpy": []}
     for _ in range(50):
@@ -308,7 +308,7 @@ def test_a_call_costs_less_than_numpys_product_of_two_numbers(number: Any) -> No
     assert min(rounds["compiled"]) < min(rounds["numpy"])
 
 
-def test_exported_folder_computes_what_jax_does(tmp_path: Any) -> None:
+def test_exported_folder_matches_jax(tmp_path: Any) -> None:
     def drag(v, gains):
         speed = jnp.sqrt(v @ v)
         return {"force": -gains["k"] * speed * v, "fast": speed > 2, "count": jnp.int32(3)}
@@ -340,7 +340,7 @@ def test_exported_function_declares_its_workspace(tmp_path: Any) -> None:
 
 
 @pytest.mark.thorough
-def test_large_weights_are_data_not_text():
+def test_large_weights_are_data_and_not_source_text():
     rng = np.random.default_rng(3)
     first, second = rng.normal(size=(2, 60, 60))
     x = rng.normal(size=60)
@@ -355,13 +355,13 @@ def test_large_weights_are_data_not_text():
     assert np.allclose(one(x), first @ x, rtol=0, atol=1e-13)
 
 
-def test_exported_weights_are_text(tmp_path):
+def test_exported_weights_are_source_text(tmp_path):
     W = np.random.default_rng(3).normal(size=(60, 60))
     trimtab.compile(lambda x: W @ x, np.zeros(60)).export(tmp_path, name="product")
     assert repr(float(W[0, 0])) in (tmp_path / "product.c").read_text()
 
 
-def test_lanes_are_one_where_a_run_is_vectors_already():
+def test_lane_count_is_one_for_already_vectorised_runs():
     a = np.ones((60, 60))
     assert trimtab.compile(lambda a, b: jnp.outer(a, b), a[0], a[0])._build_lanes()[0] == 1
     assert trimtab.compile(lambda a: jnp.sin(a) @ a, a)._build_lanes()[0] > 1

@@ -1,4 +1,4 @@
-"""Every primitive that is said to be covered, compared with JAX; every other one refused with a way out."""
+"""Every covered primitive is compared with JAX; every other one is rejected with an alternative."""
 
 from functools import cache
 from typing import Any
@@ -20,16 +20,16 @@ from trimtab.compiler.rules import RULES
 from trimtab.core.errors import InputError
 
 
-def test_list_is_what_has_a_rule() -> None:
+def test_covered_primitives_are_those_with_a_rule() -> None:
     assert set(COVERED_PRIMITIVES) == set(RULES) | set(CALLS)
 
 
-def test_every_entry_is_tried() -> None:
+def test_every_covered_primitive_is_tested() -> None:
     tried = set().union(*(primitives(c.function, c.sets[0]) for make in primitive_groups.ALL for c in make()))
     assert set(COVERED_PRIMITIVES) - tried == set()
 
 
-def test_table_has_a_row_for_each() -> None:
+def test_coverage_table_has_a_row_per_primitive() -> None:
     assert len(coverage_table().splitlines()) == len(COVERED_PRIMITIVES) + 2
 
 
@@ -53,7 +53,7 @@ SIGNED = np.array([np.nan, -np.nan, np.inf, -np.inf, 0.0, -0.0, 1.0, -1.0, 5e-32
 @pytest.mark.thorough("50-float64", "50-float32")
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("count", [5, 50])
-def test_top_k_takes_nan_and_zeros_in_order_of_their_signs(dtype: Any, count: int) -> None:
+def test_top_k_orders_nan_and_zeros_by_sign(dtype: Any, count: int) -> None:
     def top(x: jax.Array) -> Any:
         return [jax.lax.top_k(y, k) for y in (x, -x) for k in (1, count)]
 
@@ -135,7 +135,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_refused_with_line_and_way_out(name: str) -> None:
+def test_rejected_primitive_error_names_line_and_alternative(name: str) -> None:
     function, instead = REFUSED[name]
     with pytest.raises(InputError) as caught:
         lower_function(function, (np.arange(4.0),))
@@ -203,20 +203,20 @@ def substitute_results() -> list[Any]:
 
 
 @pytest.mark.parametrize("name", SUBSTITUTES)
-def test_what_is_said_instead_compiles_and_agrees(name: str) -> None:
+def test_suggested_substitutes_compile_and_agree(name: str) -> None:
     _, argument, wanted, off = SUBSTITUTES[name]
     results = jax.tree.leaves(substitute_results()[list(SUBSTITUTES).index(name)])
     for got, right in zip(results, jax.tree.leaves(wanted(argument)), strict=True):
         np.testing.assert_allclose(got, right, atol=off, rtol=0)
 
 
-def test_every_substitute_is_tried() -> None:
+def test_every_suggested_substitute_is_tested() -> None:
     tried = {**dict.fromkeys(SUBSTITUTES), "schur": None}  # of schur the same is said as of eig
     assert ALTERNATIVES["schur"] == ALTERNATIVES["eig"]
     assert [name for name in ALTERNATIVES if not any(t in name for t in tried)] == []
 
 
-def test_primitives_of_other_packages_are_what_computes_them() -> None:
+def test_primitives_of_other_packages_use_their_implementation() -> None:
     other = jax.extend.core.Primitive("unvmap_any")
     other.def_impl(lambda x, *, sign: jnp.any(sign * x > 0))
     other.def_abstract_eval(lambda x, *, sign: jax.core.ShapedArray((), np.bool_))
@@ -225,12 +225,12 @@ def test_primitives_of_other_packages_are_what_computes_them() -> None:
     assert compiled(np.array([1.0, -1.0, 0.0]))
 
 
-def test_narrow_types_are_refused_in_lanes() -> None:
+def test_rejects_narrow_types_in_lanes() -> None:
     with pytest.raises(InputError, match="i8"):
         lower_function(lambda x: x + 1, (np.ones(3, np.int8),)).text("go", LANES)
 
 
-def test_known_programs_keep_their_shape() -> None:
+def test_ring_update_is_done_in_place() -> None:
     # an update that nobody looks behind is done in place: the copy of the input is the result's own memory
     def ring(x: jax.Array, k: jax.Array) -> jax.Array:
         for i in range(3):

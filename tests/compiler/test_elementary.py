@@ -170,7 +170,7 @@ def ulps(y, exact):
 @pytest.mark.thorough
 @needs_compiler
 @pytest.mark.parametrize("name", REFERENCE)
-def test_accuracy(call, name):
+def test_accuracy_is_within_ulp_bounds(call, name):
     x = values()
     with np.errstate(all="ignore"):
         exact = REFERENCE[name](x.astype(LONG))
@@ -194,7 +194,7 @@ def test_accuracy_of_atan2(call, variant):
 @needs_compiler
 @pytest.mark.parametrize("variant", ["scalar", "scalar, no FMA"])
 def test_accuracy_of_pow(call, variant):
-    """Of all sizes of base and result; exact powers, and those of whole exponents, among them."""
+    """Bases and results of all sizes, including exact powers and integer exponents."""
     rng = np.random.default_rng(5)
     x = np.concatenate(
         [np.abs(spread(rng, *r, 20000)) for r in ((1e-320, 1e308), (1e-3, 1e3), (0.5, 2), (0.999, 1.001))]
@@ -280,7 +280,7 @@ def test_fused_multiply_add_without_the_instruction_is_exact(tmp_path):
 @needs_compiler
 @pytest.mark.thorough(*RARE)
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_sincos_is_sin_and_cos(call, variant):
+def test_sincos_matches_sin_and_cos(call, variant):
     x = values()
     s, c = call(variant, "sincos", x)
     assert np.array_equal(bits(s), bits(call(variant, "sin", x)))
@@ -373,7 +373,7 @@ SPECIAL_TWO = (
 @needs_compiler
 @pytest.mark.thorough(*RARE)
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_special_values(call, variant):
+def test_special_values_match_c99_annex_f(call, variant):
     """Values that C99, annex F, prescribes, signs of zero included."""
     for name, table in SPECIAL.items():
         x, wanted = np.array(table).T
@@ -421,15 +421,15 @@ def test_no_undefined_behaviour(tmp_path, lanes):
 @needs_compiler
 @pytest.mark.skipif(not shutil.which("clang++"), reason="no clang++ here")
 @pytest.mark.parametrize("lanes", [4, 8])
-def test_clang_takes_all_vectors(tmp_path, lanes):
-    """Its vectors' truth values are not numbers, gcc's are."""
+def test_clang_compiles_all_vector_functions(tmp_path, lanes):
+    """Comparisons of clang's vectors do not give numbers as gcc's do."""
     source = tmp_path / "all.cpp"
     source.write_text(driver(lanes))
     subprocess.run(["clang++", *VECTOR, "-fsyntax-only", str(source)], check=True)
 
 
 @pytest.mark.thorough
-def test_only_what_is_wanted(tmp_path):
+def test_text_contains_only_requested_functions(tmp_path):
     """Every function compiles alone and brings no other with it but what it needs."""
     text = elementary_text(names=["atan"])
     assert "tt_atan(" in text
@@ -447,7 +447,7 @@ def test_only_what_is_wanted(tmp_path):
 @pytest.mark.thorough
 @needs_compiler
 def test_single_precision_is_double_rounded(tmp_path):
-    """So it is right but for one rounding in 10^8; where TT_SINGLE is 0, it is the C library's."""
+    """Correctly rounded but for about one number in 10^8; where TT_SINGLE is 0, the C library is used."""
     names = [name for name in SINGLE_PRECISION_NAMES if name != "sincos"]
     calls = "".join(
         f"void do_{n}(float x, float *y) {{ *y = tt_{n}f({'x, 2.0f' if n in TWO else 'x'}); }}\n" for n in names
@@ -467,7 +467,7 @@ def test_single_precision_is_double_rounded(tmp_path):
                 assert abs(y.value - wanted) <= bound * np.spacing(np.float32(abs(wanted))), (name, value)
 
 
-def test_refusals():
+def test_rejects_invalid_lane_count_and_function_name():
     with pytest.raises(InputError, match="3"):
         elementary_text(3)
     with pytest.raises(InputError, match="sinus"):

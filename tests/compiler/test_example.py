@@ -50,7 +50,7 @@ def bad_programs() -> dict[str, tuple[Any, tuple[Any, ...], str, str]]:
 
 
 @pytest.mark.parametrize("name", bad_programs())
-def test_bad_programs_are_refused(name: str) -> None:
+def test_rejects_unsupported_programs(name: str) -> None:
     function, example, problem, fix = bad_programs()[name]
     with pytest.raises(InputError, match=problem) as refusal:
         trimtab.compile(function, *example)
@@ -58,7 +58,7 @@ def test_bad_programs_are_refused(name: str) -> None:
     assert refusal.value.fix
 
 
-def test_what_is_said_for_keys_and_complex_numbers_works() -> None:
+def test_suggested_fixes_for_keys_and_complex_numbers_work() -> None:
     words = jax.random.key_data(KEY)
     compiled = trimtab.compile(lambda w: jax.random.uniform(jax.random.wrap_key_data(w)), words)
     assert compiled(words) == jax.random.uniform(KEY)
@@ -72,13 +72,13 @@ def test_what_is_said_for_keys_and_complex_numbers_works() -> None:
     assert half(np.float16(1.5)) == 3.0
 
 
-def test_keys_that_a_function_closes_over() -> None:
+def test_compiles_keys_captured_by_closure() -> None:
     keys = jax.random.split(KEY, 60)
     compiled = trimtab.compile(lambda i: jax.random.uniform(keys[i]) + jax.random.uniform(KEY), 3)
     for i in (0, 59):
         assert compiled(i) == jax.random.uniform(keys[i]) + jax.random.uniform(KEY)
 
 
-def test_swapped_examples() -> None:
+def test_accepts_byte_swapped_examples() -> None:
     x = np.arange(3.0)
     assert np.array_equal(trimtab.compile(lambda x: x * 2, x.astype(">f8"))(x), x * 2)

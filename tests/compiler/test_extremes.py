@@ -29,7 +29,7 @@ def assert_same_numbers(got: Any, wanted: Any) -> None:
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_pairs_have_the_signs_of_jax_alone_and_in_lanes(dtype: Any) -> None:
+def test_zero_signs_of_pairs_match_jax_in_lanes(dtype: Any) -> None:
     a, b = PAIRS.T.astype(dtype)
     compiled = trimtab.compile(extremes, a[0], b[0], lanes=4)
     many = compiled.lanes(a, b)
@@ -40,7 +40,7 @@ def test_pairs_have_the_signs_of_jax_alone_and_in_lanes(dtype: Any) -> None:
             assert_same_numbers(got, lane[k])
 
 
-def test_arrays_and_numbers_known_at_compile_time_have_the_signs_of_jax() -> None:
+def test_zero_signs_of_arrays_and_constants_match_jax() -> None:
     a, b = PAIRS.T
     for got, wanted in zip(
         trimtab.compile(extremes, a, b)(a, b), extremes(jnp.asarray(a), jnp.asarray(b)), strict=True
@@ -53,7 +53,7 @@ def test_arrays_and_numbers_known_at_compile_time_have_the_signs_of_jax() -> Non
 
 
 @pytest.mark.parametrize("count", [4, 60])
-def test_reductions_take_the_zeros_in_order(count: int) -> None:
+def test_reductions_order_negative_zero_below_positive(count: int) -> None:
     # JAX does not promise the zero of a reduction, but the reduction of two numbers is their extreme
     def reductions(x: Any) -> Any:
         window = [jax.lax.reduce_window(x, -jnp.inf, jax.lax.max, (2,), (1,), "VALID")]
@@ -73,6 +73,6 @@ def test_reductions_take_the_zeros_in_order(count: int) -> None:
         assert np.array_equal(signs[5], [negative[0], negative[1:4].all()])
 
 
-def test_heading_of_a_stopped_vehicle() -> None:
+def test_heading_of_a_stopped_vehicle_is_zero() -> None:
     heading = trimtab.compile(lambda s, v: jnp.arctan2(0 * s, jnp.maximum(-v * s, 0)), 0.0, 1.0)
     assert heading(0.0, 1.0) == 0.0

@@ -28,7 +28,7 @@ def same_bits(a: Any, b: Any) -> bool:
     [pytest.param(g, marks=[] if g.__name__ in QUICK else pytest.mark.thorough) for g in primitive_groups.ALL],
     ids=lambda g: g.__name__,
 )
-def test_text_read_is_text_compiled_is_jax(cases: Any) -> None:
+def test_interpreted_text_matches_compiled_text_and_jax(cases: Any) -> None:
     made = cases()
     function, sets = compiled.together(made)
     text = generate_text(function, sets[0])
@@ -42,7 +42,7 @@ def test_text_read_is_text_compiled_is_jax(cases: Any) -> None:
             assert compiled.disagreement(case, w, r) is None, case.name
 
 
-def test_text_in_pieces_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interpreter_reads_text_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     bounds = {"FUNCTION_STATEMENTS_MAX": 60, "EXPORTED_STATEMENTS_MAX": 60, "PIECE": 30, "CALL_STATEMENTS_MIN": 5}
     for name, number in bounds.items():
         monkeypatch.setattr(pieces, name, number)

@@ -73,7 +73,7 @@ def test_reserved_words_are_avoided(compiler: str, language: str, standard: str)
 
 
 @pytest.mark.thorough
-def test_names_that_become_one_stay_apart(tmp_path: Path) -> None:
+def test_colliding_names_stay_distinct(tmp_path: Path) -> None:
     def f(x: Any, argument1: Any, *rest: Any) -> Any:
         first = x["a b"] + 10 * x["a_b"] + 100 * x["a_b_2"] + 1000 * x["a"]["b"] + 1e4 * x["a "]["b"]
         return {"x\u00b2": first, "x2": 1e5 * argument1 + 1e6 * rest[0], "*/": x["/*"], "": x["/*"]}
@@ -120,7 +120,7 @@ def test_exported_functions_of_any_name_pass_verify(name: str, tmp_path: Path) -
     assert verify_folder(tmp_path).good
 
 
-def test_verify_refuses_a_header_that_is_not_cpp(tmp_path: Path) -> None:
+def test_verify_rejects_header_invalid_in_cpp(tmp_path: Path) -> None:
     export_callable(lambda x: x + 1, (1.5,), tmp_path, name="plain")
     header = tmp_path / "plain.h"
     header.write_text(header.read_text().replace("double x;", "double x; double class;"))

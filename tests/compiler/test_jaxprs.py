@@ -24,18 +24,18 @@ from trimtab.core.errors import InputError
 PYPROJECT = Path(__file__).parents[2] / "pyproject.toml"
 
 
-def test_supported_versions_are_those_of_the_package() -> None:
+def test_supported_jax_versions_match_pyproject() -> None:
     project = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]
     assert jaxprs.SUPPORTED in project["dependencies"]
 
 
 @pytest.mark.parametrize("version", [(0, 10, 0), (0, 10, 1), (0, 11, 0), (0, 11, 2), (0, 12, 0), (0, 12, 9)])
-def test_accepts_supported_versions(version: tuple[int, ...]) -> None:
+def test_accepts_supported_jax_versions(version: tuple[int, ...]) -> None:
     jaxprs.check_version(version)
 
 
 @pytest.mark.parametrize("version", [(0, 4, 38), (0, 9, 2), (0, 10, 2), (0, 13, 0), (1, 0, 0)])
-def test_rejects_other_versions(version: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rejects_unsupported_jax_versions(version: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jax, "__version__", ".".join(map(str, version)))
     with pytest.raises(InputError) as refused:
         jaxprs.check_version(version)
@@ -151,7 +151,7 @@ def test_program_agrees_with_jax(name: str) -> None:
             np.testing.assert_allclose(g, w, rtol=1e-13, atol=1e-15)
 
 
-def test_reads_numbers_of_a_scan() -> None:
+def test_reads_counts_of_a_scan() -> None:
     (equation,) = [e for e in jax.make_jaxpr(_scan)(1.0).eqns if e.primitive.name == "scan"]
     scan = jaxprs.scan_parameters(equation)
     assert (scan.constants, scan.carries, scan.length, scan.reverse) == (1, 2, 5, True)
@@ -166,7 +166,7 @@ def test_reads_both_forms_of_a_scan(form: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_unknown_form_names_the_version(name: str) -> None:
+def test_unknown_jaxpr_form_error_names_jax_version(name: str) -> None:
     program = jax.make_jaxpr(PROGRAMS[name])(1.0)
     found = [e for e in _equations(program.jaxpr) if e.primitive.name == name]
     assert found

@@ -40,7 +40,7 @@ def test_computed_values_are_found_by_operation_operands_type_and_table() -> Non
     assert all(p is not q for p, q in itertools.combinations(first, 2))
 
 
-def test_values_of_memory_that_changes_are_read_again() -> None:
+def test_values_of_changed_memory_are_read_again() -> None:
     b = Builder()
     buffer, [i] = b.local_buffer("f64", 60), inputs("i32", 1)
     first = b.load(buffer, i)
@@ -57,7 +57,7 @@ def test_stored_arrays_are_found_by_their_elements() -> None:
     assert store_in_memory(b, scalars([x], (1,), "f64")).buffer is not first.buffer
 
 
-def test_values_of_a_loop_are_unknown_after_it_unless_made_before_it() -> None:
+def test_loop_values_are_forgotten_after_the_loop() -> None:
     b = Builder()
     [x] = inputs("f64", 1)
     inside: list[object] = []

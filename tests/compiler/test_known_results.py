@@ -53,7 +53,7 @@ def check(f: Any) -> None:
 LONG_CASES = ("unique", "permutation", "long sort", "random bits")
 
 
-def test_results_known_at_compile_time() -> None:
+def test_constant_results_are_computed_at_compile_time() -> None:
     """All quick cases in one program: one call of the compiler."""
     quick = [case for name, case in CASES.items() if name not in LONG_CASES]
     check(lambda x: [case(x) for case in quick])
@@ -61,11 +61,11 @@ def test_results_known_at_compile_time() -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
-def test_each_result_known_at_compile_time(name: str) -> None:
+def test_each_constant_result_is_computed_at_compile_time(name: str) -> None:
     check(CASES[name])
 
 
-def test_tables_are_known_inside_a_trace_of_jax() -> None:
+def test_constant_tables_are_folded_inside_a_jax_trace() -> None:
     made = []
     jax.jit(lambda y: (made.append(trimtab.compile(lambda x: (jnp.arange(COUNT) * 2)[::-1] * x, 1.5)), y)[1])(0.0)
     np.testing.assert_array_equal(made[0](1.5), NUMBERS * 3.0)
@@ -85,7 +85,7 @@ def test_callbacks_do_not_run_at_compile_time() -> None:
 
 
 @pytest.mark.parametrize("export", [False, True])
-def test_reports_a_fault_of_the_compiler_once(export: bool, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compiler_fault_is_reported_once(export: bool, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: Any) -> Any:
         raise KeyError("lost")
 
@@ -101,7 +101,7 @@ def test_reports_a_fault_of_the_compiler_once(export: bool, tmp_path: Any, monke
     assert isinstance(pickle.loads(pickle.dumps(fault.value)), CompilerFaultError)
 
 
-def test_reports_a_fault_of_the_text_and_of_lanes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_faults_in_text_and_lane_generation_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: Any, **__: Any) -> Any:
         raise ZeroDivisionError
 
@@ -112,7 +112,7 @@ def test_reports_a_fault_of_the_text_and_of_lanes(monkeypatch: pytest.MonkeyPatc
             call()
 
 
-def test_errors_of_the_function_itself_stay() -> None:
+def test_errors_of_the_user_function_pass_unchanged() -> None:
     def f(x: Any) -> Any:
         raise LookupError("of the user")
 

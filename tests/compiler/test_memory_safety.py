@@ -38,13 +38,13 @@ def test_large_arrays_do_not_lie_on_the_stack(n: int) -> None:
 
 
 @pytest.mark.thorough
-def test_ten_million() -> None:
+def test_array_of_ten_million_is_summed() -> None:
     x = np.linspace(0.0, 1.0, 10**7)
     assert trimtab.compile(long_sum, x)(x) == pytest.approx(float(long_sum(x)), rel=1e-10)
 
 
 @pytest.mark.thorough
-def test_large_arrays_in_lanes_and_threads() -> None:
+def test_large_arrays_agree_in_lanes_and_threads() -> None:
     x = np.linspace(0.0, 1.0, 60_000)
     compiled = trimtab.compile(long_sum, x, lanes=8, threads=3)
     got = compiled.lanes(np.stack([k * x for k in range(20)]))
@@ -52,7 +52,7 @@ def test_large_arrays_in_lanes_and_threads() -> None:
 
 
 @pytest.mark.thorough
-def test_arrays_share_a_place_when_one_is_done() -> None:
+def test_workspace_of_dead_arrays_is_reused() -> None:
     x = np.linspace(0.0, 1.0, 50_000)
 
     def chain(x):
@@ -65,7 +65,7 @@ def test_arrays_share_a_place_when_one_is_done() -> None:
     assert trimtab.compile(chain, x)(x) == pytest.approx(float(want), rel=1e-11)
 
 
-def test_small_programs_take_no_workspace() -> None:
+def test_small_programs_need_no_workspace() -> None:
     small = CALL_STACK // 8 // 4
     assert trimtab.compile(lambda x: jnp.cumsum(x)[::-1].sum(), np.zeros(small)).workspace == 0
     for carried in (np.zeros(3), np.zeros(STACK)):
@@ -88,8 +88,8 @@ def test_blocks_get_their_workspace_from_python() -> None:
 
 
 @pytest.mark.thorough
-def test_28_beacons_in_lanes_and_from_python() -> None:
-    """gcc 12 vectorised what a loop left over with an alignment that its own stack did not have."""
+def test_range_update_with_28_beacons_matches_jax() -> None:
+    """gcc 12 vectorised the remainder of a loop with an alignment that its stack did not have."""
     from trimtab.core.record import to_arrays
     from trimtab.estimators.ranging.tightly_coupled import TightlyCoupled
 
@@ -108,7 +108,7 @@ def test_28_beacons_in_lanes_and_from_python() -> None:
 
 @pytest.mark.thorough("int32", "int64")
 @pytest.mark.parametrize("dtype", [np.int8, np.int16, np.int32, np.int64])
-def test_whole_numbers_at_their_ends(dtype: Any) -> None:
+def test_integers_at_their_limits_match_jax(dtype: Any) -> None:
     low = np.iinfo(dtype).min
     x = np.array([low, low, low, -1, 1, 0, low + 1, 5, low // 2], dtype)
     y = np.array([-1, 0, low, low, low, low, -1, 0, 2], dtype)

@@ -1,4 +1,4 @@
-"""Whatever is given to a compiled function, Python lives: it is computed as JAX would, or refused with InputError."""
+"""Unusual arguments of compiled functions: computed as JAX does, or rejected with InputError; Python never crashes."""
 
 import gc
 import os
@@ -104,7 +104,7 @@ FINE_AS_EXAMPLES = ("other shape", "empty", "axes", "deleted", "none", "ragged")
 
 
 @pytest.mark.parametrize("name", SAME)
-def test_arrays_of_every_layout_are_computed_as_one(compiled, name):
+def test_arrays_of_every_layout_give_the_same_result(compiled, name):
     if name == "lists":
         with pytest.raises(InputError):  # a list is a tree of its numbers
             compiled(SAME[name](), REST)
@@ -113,12 +113,12 @@ def test_arrays_of_every_layout_are_computed_as_one(compiled, name):
 
 
 @pytest.mark.parametrize("name", NOTHING)
-def test_arrays_of_odd_memory(compiled, name):
+def test_accepts_arrays_of_unusual_memory(compiled, name):
     assert np.array_equal(compiled(NOTHING[name](), REST)["y"], np.ones((3, 4)))
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_no_such_array_is_refused_in_every_place(compiled, name):
+def test_rejects_invalid_arrays_in_every_argument(compiled, name):
     for place in (
         lambda v: (v, REST),
         lambda v: (X, v),
@@ -135,7 +135,7 @@ def test_what_is_no_such_array_is_refused_in_every_place(compiled, name):
     "arguments",
     [(), (X,), (X, REST, 1), (X, []), ([X], REST), (X, {"a": 1.0}), (X, {**REST, "z": 2}), (X, {1: 2, "a": 3})],
 )
-def test_other_trees_are_refused(compiled, arguments):
+def test_rejects_other_tree_structures(compiled, arguments):
     with pytest.raises(InputError):
         compiled(*arguments)
     with pytest.raises(InputError):
@@ -145,7 +145,7 @@ def test_other_trees_are_refused(compiled, arguments):
 @pytest.mark.parametrize(
     "name", [n for n in REFUSED if n not in ("other shape", "empty", "axes", "deleted", "none", "ragged")]
 )
-def test_an_example_is_an_array_or_refused(name):
+def test_rejects_example_that_is_not_an_array(name):
     example = REFUSED[name]()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -153,7 +153,7 @@ def test_an_example_is_an_array_or_refused(name):
             trimtab.compile(lambda x: jnp.asarray(x) + 1, example)
 
 
-def test_the_substitute_for_a_key_works():
+def test_suggested_substitute_for_a_key_works():
     key = jax.random.key(7)
     with pytest.raises(InputError, match="wrap_key_data"):
         trimtab.compile(lambda k: jax.random.normal(k, (3,)), key)
@@ -163,7 +163,7 @@ def test_the_substitute_for_a_key_works():
 
 
 @pytest.mark.parametrize("shape", [(2**31,), (2**16, 2**16), (2**33,), (2**31 - 1,)])
-def test_more_numbers_than_an_index_counts_are_refused(shape):
+def test_rejects_arrays_beyond_32_bit_indices(shape):
     huge = jax.ShapeDtypeStruct(shape, np.float32)
     for f in (lambda x: x + 1, lambda x: x.sum(), lambda x: x.ravel()[0]):
         with pytest.raises(InputError, match="32 bits"):
@@ -173,18 +173,18 @@ def test_more_numbers_than_an_index_counts_are_refused(shape):
 
 
 @pytest.mark.parametrize("f", [5, None, "sin", np.sin, lambda x: np.sin(x), lambda x: x if x.sum() > 0 else -x])
-def test_what_is_no_function_of_jax_is_refused(f):
+def test_rejects_functions_jax_cannot_trace(f):
     with pytest.raises(InputError):
         trimtab.compile(f, np.ones(3))
 
 
-def test_no_runs_and_one_run():
+def test_lanes_accept_zero_and_one_run():
     compiled = trimtab.compile(lambda x: x + 1, np.ones(3), threads=4)
     assert compiled.lanes(np.ones((0, 3))).shape == (0, 3)
     assert np.array_equal(compiled.lanes(np.ones((1, 3))), np.full((1, 3), 2.0))
 
 
-def test_inside_of_what_jax_traces_it_is_refused():
+def test_rejects_calls_inside_a_jax_trace():
     compiled = trimtab.compile(lambda x: x + 1, np.ones(3))
     for use in (jax.jit(lambda x: compiled(x)), jax.grad(lambda x: compiled(x)[0])):
         with pytest.raises(InputError, match="traced"):
@@ -200,7 +200,7 @@ def test_results_outlive_the_function():
 
 
 @pytest.mark.thorough
-def test_eight_threads_call_and_compile():
+def test_eight_threads_call_and_compile_concurrently():
     shared, problems = trimtab.compile(lambda x: jnp.sin(x) + 1, np.ones(3), threads=2), []
 
     def work(k):
@@ -224,7 +224,7 @@ def test_eight_threads_call_and_compile():
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no forks")
 @pytest.mark.filterwarnings("ignore:.*fork.*")
-def test_a_forked_process_calls_it():
+def test_forked_process_can_call_it():
     compiled = trimtab.compile(lambda x: x + 1, np.ones(3))
     child = os.fork()
     if child == 0:

@@ -66,7 +66,7 @@ def widths(value, found):
 
 
 @pytest.mark.parametrize("seed", range(200))
-def test_low_bits_are_those_of_the_wide_integer(seed):
+def test_narrowed_integer_matches_low_bits_of_wide(seed):
     rng, inputs = random.Random(seed), []
     wide = random_wide(rng, inputs, 3, rng.choice(["i64", "u64"]))
     dtype = rng.choice(["i32", "u32"])
@@ -94,7 +94,7 @@ def place(b, instant, back):
     return b.op("and", b.op("sub", instant, wide, dtype="i64"), b.const(63, "i64"), dtype="i64")
 
 
-def test_place_in_a_ring_has_32_bits():
+def test_ring_index_is_narrowed_to_32_bits():
     b = Builder()
     instant, back = Value("input", (), "i64"), Value("input", (), "i32")
     found = b.op("convert", place(b, instant, back), dtype="i32")
@@ -102,21 +102,21 @@ def test_place_in_a_ring_has_32_bits():
     assert found.args[0].args[1] is back
 
 
-def test_integers_that_were_never_narrow_stay_wide():
+def test_integers_of_64_bit_inputs_stay_wide():
     b = Builder()
     x, y = Value("input", (), "i64"), Value("input", (), "i64")
     assert narrow_integer(b, b.op("add", x, y, dtype="i64"), "i32") is None
     assert narrow_integer(b, b.op("add", x, b.const(1, "i64"), dtype="i64"), "i32") is None
 
 
-def test_quotients_and_shifts_to_the_right_stay_wide():
+def test_quotients_and_right_shifts_stay_wide():
     b = Builder()
     wide = b.op("convert", Value("input", (), "i32"), dtype="i64")
     for op in ("div", "rem", "shift_right_logical", "shift_right_arithmetic", "max"):
         assert narrow_integer(b, b.op(op, wide, b.const(5, "i64"), dtype="i64"), "i32") is None
 
 
-def test_a_long_computation_stays_wide():
+def test_computation_beyond_the_size_limit_stays_wide():
     b = Builder()
     x = b.op("convert", Value("input", (), "i32"), dtype="i64")
     for _ in range(LARGEST):
@@ -125,7 +125,7 @@ def test_a_long_computation_stays_wide():
     assert narrow_integer(b, b.op("mul", x, x, dtype="i64"), "i32") is None
 
 
-def test_a_ring_is_read_where_jax_reads_it():
+def test_ring_reads_match_jax_at_extreme_indices():
     table = np.linspace(0.0, 1.0, 64)
 
     def function(instant, delay):
@@ -142,7 +142,7 @@ def test_a_ring_is_read_where_jax_reads_it():
     np.testing.assert_array_equal([compiled(t, d) for t, d in zip(instants, delays, strict=True)], wanted)
 
 
-def test_converts_floats_at_the_limits_of_int32():
+def test_float_to_int32_conversion_matches_jax_at_limits():
     near = [2147483646.5, 2147483647.0, 2147483647.5, 2147483648.0, 4e9, 1e30, np.inf, 0.9, -0.0, np.nan]
     x = np.array([*near, *np.negative(near), -2147483648.5, -2147483649.0, 5.0, -7.9])
     for dtype in (np.float64, np.float32):

@@ -1,4 +1,4 @@
-"""What a user can do wrong with `trimtab.compile`: each refused with its part, problem and fix; Python never dies."""
+"""Wrong uses of `trimtab.compile`: each rejected with part, problem and fix; Python never crashes."""
 
 import copy
 import functools
@@ -84,7 +84,7 @@ def bad_calls() -> dict[str, tuple[tuple[Any, ...], str]]:
 
 
 @pytest.mark.parametrize("name", bad_calls())
-def test_bad_calls_are_refused(name: str) -> None:
+def test_rejects_bad_calls(name: str) -> None:
     arguments, problem = bad_calls()[name]
     for call in (compiled_scaled(), compiled_scaled().lanes):
         with pytest.raises(InputError, match=problem) as refusal:
@@ -93,7 +93,7 @@ def test_bad_calls_are_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize("change", [jax.jit, jax.vmap, jax.grad])
-def test_calls_inside_of_jax_are_refused(change: Any) -> None:
+def test_rejects_calls_traced_by_jax(change: Any) -> None:
     given = np.ones((2, 3)) if change is jax.vmap else 1.0
     with pytest.raises(InputError, match="traced by JAX"):
         change(lambda k: compiled_scaled()(np.ones(3), k)[1])(given)
@@ -117,7 +117,7 @@ def odd_arrays() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", odd_arrays())
-def test_arrays_of_every_making_are_taken(name: str) -> None:
+def test_accepts_arrays_of_every_origin(name: str) -> None:
     x = odd_arrays()[name]
     got = compiled_scaled()(x, 2.0)
     assert np.array_equal(got[0], [1.0, -2.0, 4.0])
@@ -125,14 +125,14 @@ def test_arrays_of_every_making_are_taken(name: str) -> None:
 
 
 @pytest.mark.parametrize(("mine", "given"), ["lq", "ql", "LQ", "QL"])
-def test_types_of_two_names_are_one(mine: str, given: str) -> None:
+def test_dtype_aliases_are_equivalent(mine: str, given: str) -> None:
     compiled = trimtab.compile(lambda x: x + 1, np.zeros(2, mine))
     assert np.array_equal(compiled(np.ones(2, given)), [2, 2])
     assert np.array_equal(compiled.lanes(np.ones((5, 2), given)), np.full((5, 2), 2))
 
 
 @pytest.mark.parametrize("wrong", [{"lanes": True}, {"lanes": [4]}, {"threads": True}, {"threads": 2.0}])
-def test_bad_options_are_refused(wrong: dict[str, Any]) -> None:
+def test_rejects_bad_options(wrong: dict[str, Any]) -> None:
     with pytest.raises(InputError, match=next(iter(wrong))):
         trimtab.compile(lambda x: x, 1.0, **wrong)
 
@@ -144,7 +144,7 @@ def test_copies_and_pickles_compute_the_same() -> None:
 
 
 @pytest.mark.thorough
-def test_calls_while_others_compile() -> None:
+def test_calls_stay_correct_while_other_threads_compile() -> None:
     x = np.linspace(0.0, 1.0, 9000)
     first = trimtab.compile(lambda x: jnp.cumsum(jnp.sin(x))[::-1], x)
     wanted, wrong, over = first(x), [], threading.Event()
@@ -229,12 +229,12 @@ def run_script(text: str, **environment: str) -> str:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", SCRIPTS)
-def test_python_lives(name: str) -> None:
+def test_misuse_scripts_do_not_crash_python(name: str) -> None:
     run_script(PROLOGUE + textwrap.dedent(SCRIPTS[name]))
 
 
 @pytest.mark.thorough
-def test_libraries_that_were_cut_are_built_again(tmp_path: Path) -> None:
+def test_truncated_libraries_are_built_again(tmp_path: Path) -> None:
     script = "import trimtab; print(trimtab.compile(lambda x: x * 3 + 0.25, 1.0)(2.0))"
     for size in (None, 0, 6000):
         for library in tmp_path.rglob("*.so"):
@@ -244,7 +244,7 @@ def test_libraries_that_were_cut_are_built_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_a_cache_that_cannot_be_written() -> None:
+def test_compiles_without_a_writable_cache() -> None:
     script = "import trimtab; print(trimtab.compile(lambda x: x * 3 + 0.25, 1.0)(2.0))"
     assert "6.25" in run_script(script, TRIMTAB_CACHE="/proc/nowhere")
 
@@ -275,7 +275,7 @@ def refuse(*_: Any) -> Any:
     raise AssertionError("taken apart in Python")
 
 
-def test_usual_arguments_are_taken_apart_without_python(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_usual_arguments_are_flattened_without_python_code(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("_normalise", "_normalise_runs"):
         monkeypatch.setattr(CompiledFunction, name, refuse)
     x = jnp.arange(3.0)
@@ -293,7 +293,7 @@ def test_usual_arguments_are_taken_apart_without_python(monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("dtype", ["float32", "int8", "int16", "int32", "int64", "uint8", "uint32", "uint64", "bool"])
-def test_arrays_of_jax_of_each_type_are_read_as_their_own(dtype: str) -> None:
+def test_jax_arrays_of_each_dtype_are_read_correctly(dtype: str) -> None:
     for x in (jnp.asarray([0, 1, 3, 120], dtype), jnp.asarray(1, dtype)):
         same, wide = trimtab.compile(lambda x: x, x), trimtab.compile(lambda x: x * 1.0, np.zeros(x.shape))
         assert np.array_equal(same(x), x)
@@ -301,12 +301,12 @@ def test_arrays_of_jax_of_each_type_are_read_as_their_own(dtype: str) -> None:
             assert np.array_equal(wide(x), np.asarray(x, np.float64))
 
 
-def test_named_tuples_registered_otherwise_keep_their_order() -> None:
+def test_custom_registered_named_tuples_keep_field_order() -> None:
     halved = trimtab.compile(lambda p: p.x / p.k, Backwards(np.ones(3), 1.0))
     assert np.array_equal(halved(Backwards(np.ones(3), 2.0)), np.full(3, 0.5))
 
 
-def test_masked_and_other_shapes_are_refused_in_lanes() -> None:
+def test_lanes_reject_masked_arrays_and_unequal_run_counts() -> None:
     with pytest.raises(InputError, match="masked"):
         compiled_scaled().lanes(np.ma.masked_array(np.ones((4, 3)), mask=np.eye(4, 3, dtype=bool)), 1.0)
     with pytest.raises(InputError, match="x has 4 runs, k has 5 runs"):

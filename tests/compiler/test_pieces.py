@@ -46,7 +46,7 @@ def bound_pieces(monkeypatch: pytest.MonkeyPatch, whole: int = 100, piece: int =
 @pytest.mark.thorough
 @pytest.mark.parametrize("lanes", [0, 4])
 @pytest.mark.parametrize("name", ["hovercraft/zero-velocity", "hypersonic/climb-small"])
-def test_pieces_fly_the_same_bits(monkeypatch: pytest.MonkeyPatch, name: str, lanes: int) -> None:
+def test_flight_in_pieces_is_bit_identical(monkeypatch: pytest.MonkeyPatch, name: str, lanes: int) -> None:
     whole, expected = flights(name, lanes)
     bound_pieces(monkeypatch)
     divided, flown = flights(name, lanes)
@@ -57,7 +57,7 @@ def test_pieces_fly_the_same_bits(monkeypatch: pytest.MonkeyPatch, name: str, la
 
 
 @pytest.mark.parametrize("lanes", [0, 4])
-def test_pieces_share_arrays_of_the_workspace(monkeypatch: pytest.MonkeyPatch, lanes: int) -> None:
+def test_pieces_share_workspace_arrays(monkeypatch: pytest.MonkeyPatch, lanes: int) -> None:
     whole, expected = flights("hovercraft/zero-velocity", lanes)
     bound_pieces(monkeypatch)
     monkeypatch.setattr(workspace, "STACK", 64)
@@ -76,7 +76,7 @@ def statements(items: list[Any]) -> int:
     return len(items) + sum(statements(block.items) for block in blocks)
 
 
-def test_no_piece_is_larger_than_its_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_piece_is_within_its_size_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     bound_pieces(monkeypatch)
     scenario, table, _ = prepare_run(load_scenario("hovercraft/zero-velocity")[0], [0], ms(400), ms(1))
     program = lower_structure(walk_structure(run_inputs(scenario), table.always, ()))
@@ -100,7 +100,7 @@ def chains(x: jax.Array, table: jax.Array, small: dict[str, jax.Array]) -> dict[
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("stack", [1 << 20, 64], ids=["stack", "workspace"])
-def test_functions_in_pieces_give_the_same_bits(monkeypatch: pytest.MonkeyPatch, stack: int) -> None:
+def test_function_in_pieces_is_bit_identical(monkeypatch: pytest.MonkeyPatch, stack: int) -> None:
     rng = np.random.default_rng(1)
     few = rng.normal(size=(9, 40)), rng.normal(size=100), {"gain": rng.normal(size=9), "bias": rng.normal(size=9)}
     one = (few[0][0], few[1], {"gain": 0.1, "bias": 0.3})
@@ -124,7 +124,7 @@ def test_functions_in_pieces_give_the_same_bits(monkeypatch: pytest.MonkeyPatch,
 
 @pytest.mark.thorough("stack")
 @pytest.mark.parametrize("stack", [1 << 20, 64], ids=["stack", "workspace"])
-def test_blocks_in_pieces_step_the_same_bits(monkeypatch: pytest.MonkeyPatch, stack: int) -> None:
+def test_block_in_pieces_is_bit_identical(monkeypatch: pytest.MonkeyPatch, stack: int) -> None:
     scenario, _ = load_scenario("hovercraft/zero-velocity")
 
     def steps() -> tuple[Any, list[bytes]]:
@@ -150,9 +150,7 @@ def test_blocks_in_pieces_step_the_same_bits(monkeypatch: pytest.MonkeyPatch, st
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("stack", [1 << 20, 64], ids=["stack", "workspace"])
-def test_an_exported_function_in_pieces_passes_its_own_test(
-    monkeypatch: pytest.MonkeyPatch, stack: int, tmp_path: Path
-) -> None:
+def test_exported_function_in_pieces_passes_verify(monkeypatch: pytest.MonkeyPatch, stack: int, tmp_path: Path) -> None:
     bound_pieces(monkeypatch)
     monkeypatch.setattr(pieces, "STACK", stack)
     example = np.linspace(0.1, 1.0, 40), np.linspace(0.2, 2.0, 100), {"gain": 0.1, "bias": 0.3}

@@ -57,7 +57,7 @@ FORMULAS = (
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_products_are_those_of_jax(dtype):
+def test_products_match_jax(dtype):
     """All formulas in one program: one call of each compiler."""
     arrays = [numbers(*shape, seed=k).astype(dtype) for _, *shapes in FORMULAS for k, shape in enumerate(shapes)]
 
@@ -70,14 +70,14 @@ def test_products_are_those_of_jax(dtype):
     agree(multiply, *arrays)
 
 
-def test_integers_are_exact():
+def test_integer_products_are_exact():
     a = np.arange(60 * 61, dtype=np.int32).reshape(60, 61) * 7919
     compiled = trimtab.compile(lambda a: a @ a.T, a)
     assert np.array_equal(compiled(a), np.asarray(jax.jit(lambda a: a @ a.T)(a)))
 
 
 @pytest.mark.parametrize("terms", [20, 60])
-def test_sums_are_in_the_order_of_the_index(terms):
+def test_products_sum_in_index_order(terms):
     a, b = numbers(9, terms), numbers(terms, 30, seed=1)
     total = np.zeros((9, 30))
     for k in range(terms):
@@ -85,12 +85,12 @@ def test_sums_are_in_the_order_of_the_index(terms):
     assert np.array_equal(trimtab.compile(lambda a, b: a @ b, a, b)(a, b), total)
 
 
-def test_a_sum_of_negative_zeros_is_one():
+def test_sum_of_negative_zeros_is_negative_zero():
     zeros = trimtab.compile(lambda a, b: a @ b, np.zeros((9, 8)), np.zeros((8, 9)))(-np.zeros((9, 8)), np.ones((8, 9)))
     assert np.all(np.signbit(zeros))
 
 
-def test_nan_and_infinity_pass_through():
+def test_products_propagate_nan_and_infinity():
     a, b = numbers(60, 60), numbers(60, 60, seed=1)
     a[3, 4], a[5, 6], b[7, 8] = np.nan, np.inf, -np.inf
     compiled = trimtab.compile(lambda a, b: a @ b, a, b)
@@ -99,14 +99,14 @@ def test_nan_and_infinity_pass_through():
     assert np.array_equal(np.isinf(compiled(a, b)), np.isinf(wanted))
 
 
-def test_known_weights_are_turned_before_they_are_text_and_stand_there_once():
+def test_constant_weights_are_transposed_and_stored_once():
     W = numbers(16, 60)
     compiled = agree(lambda v, w: (W @ v) + (W @ w), numbers(60), numbers(60, seed=1))
     assert len(re.findall(r"static const double \w+\[960\]", compiled.c_source)) == 1
     assert compiled.c_source.index(repr(float(W[1, 0]))) - compiled.c_source.index(repr(float(W[0, 0]))) < 100
 
 
-def test_weights_that_are_given_are_turned_before_a_loop():
+def test_given_weights_are_transposed_before_the_loop():
     W, x = numbers(64, 64), numbers(64)
 
     def steps(W, x):
@@ -149,14 +149,14 @@ SHAPES = {
 )
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_products_of_one_array_at_several_shapes(name, dtype):
+def test_products_of_one_array_at_several_shapes_match_jax(name, dtype):
     shape, other, function = SHAPES[name]
     """A given array and a known one, in one program: one call of each compiler."""
     W, x = numbers(*shape).astype(dtype), numbers(*other, seed=1).astype(dtype)
     agree(lambda given, x: [function(given, x), function(jnp.asarray(W), x)], W, x)
 
 
-def test_neighbours_are_in_the_innermost_loop(monkeypatch):
+def test_innermost_loop_covers_neighbouring_elements(monkeypatch):
     a = numbers(60, 60)
     for width in (4, 8):
         monkeypatch.setattr(product, "WIDTH", width)
@@ -166,7 +166,7 @@ def test_neighbours_are_in_the_innermost_loop(monkeypatch):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("n", [2, 5, 7, 24, 50])
-def test_factors_and_solutions_are_those_of_jax(n):
+def test_factorisations_and_solutions_match_jax(n):
     def factors(a, b):
         return [
             jnp.linalg.cholesky(a @ a.T + jnp.eye(n)),
@@ -178,13 +178,13 @@ def test_factors_and_solutions_are_those_of_jax(n):
     agree(factors, numbers(n, n), numbers(n, 3, seed=1))
 
 
-def test_lu_of_tall_and_wide_matrices():
+def test_lu_of_tall_and_wide_matrices_matches_jax():
     """All shapes in one program: one call of each compiler."""
     matrices = [numbers(*shape) for shape in ((9, 6), (6, 9), (60, 8))]
     agree(lambda *matrices: [jax.lax.linalg.lu(a) for a in matrices], *matrices)
 
 
-def test_lu_of_a_matrix_without_an_inverse():
+def test_lu_of_singular_matrix_reproduces_it():
     a = numbers(8, 8)
     a[:, 3] = 0
     a[5] = a[2]
@@ -194,14 +194,14 @@ def test_lu_of_a_matrix_without_an_inverse():
     assert np.all(pivots >= np.arange(8))
 
 
-def test_a_matrix_that_is_not_positive_definite_has_no_factor():
+def test_cholesky_of_non_positive_definite_matrix_is_nan():
     a = -np.eye(9)
     assert np.all(np.isnan(np.tril(trimtab.compile(jnp.linalg.cholesky, a)(a))[np.tril_indices(9)]))
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("sides", [1, 2, 12])
-def test_triangular_systems(sides):
+def test_triangular_solutions_match_jax(sides):
     """All kinds in one program: one call of each compiler."""
     a, b = numbers(20, 20), numbers(20, sides, seed=1)
 
@@ -217,13 +217,13 @@ def test_triangular_systems(sides):
 
 
 @pytest.mark.thorough
-def test_batches_of_matrices():
+def test_batched_solve_and_cholesky_match_jax():
     agree(jnp.linalg.solve, numbers(4, 8, 8) + 2 * np.eye(8), numbers(4, 8, 2, seed=1))
     agree(lambda a: jnp.linalg.cholesky(a @ jnp.swapaxes(a, 1, 2) + jnp.eye(8)), numbers(3, 8, 8))
 
 
 @pytest.mark.parametrize("mode", ["same", "full"])
-def test_what_is_padded_adds_nothing_to_a_convolution(mode):
+def test_convolution_ignores_padding(mode):
     kernel = np.array([1.0, np.inf, 2.0, np.nan])
     compiled = trimtab.compile(lambda a, k: jnp.convolve(a, k, mode=mode), np.ones(8), kernel)
     for k in (kernel, kernel[::-1]):

@@ -127,18 +127,18 @@ def check(first: int) -> list[str]:
 
 @pytest.mark.thorough("25")
 @pytest.mark.parametrize("seed", [4, 25])
-def test_a_function_agrees_in_lanes_and_on_a_small_stack(seed: int) -> None:
+def test_random_function_agrees_in_lanes_on_a_small_stack(seed: int) -> None:
     assert not differences([random_call(seed)], {"lanes": 4, "threads": 3})
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("first", [0, 30])
-def test_some_functions(first: int) -> None:
+def test_some_random_functions_agree_with_jax(first: int) -> None:
     assert not check(first)
 
 
 @pytest.mark.thorough
-def test_a_wrong_number_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_comparison_detects_a_deliberate_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(text.INFIX, "xor", "|")
     call = next(
         c for c in map(random_call, range(1000)) if any(v.dtype.kind == "i" for v in c.outputs) and " ^ " in c.text()
@@ -147,7 +147,7 @@ def test_a_wrong_number_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.thorough
-def test_functions_of_random_seeds(random_examples: range) -> None:
+def test_functions_of_random_seeds_agree_with_jax(random_examples: range) -> None:
     assert not check_in_processes(random_examples)
 
 

@@ -56,7 +56,7 @@ def random_value(rng, inputs, depth):
 
 
 @pytest.mark.parametrize("first", range(0, 300, 50))
-def test_no_number_is_outside_its_bounds(first):
+def test_values_stay_within_their_integer_bounds(first):
     for seed in range(first, first + 50):
         check_bounds(seed)
 
@@ -82,7 +82,7 @@ def check_bounds(seed):
         assert which is None or np.all((a, b)[which] == OPERATIONS[op](a, b)), seed
 
 
-def test_an_index_of_a_ring_needs_no_test():
+def test_masked_ring_index_needs_no_bounds_check():
     b = Builder()
     slot = b.op("and", Value("input", (), "i64"), b.const(63, "i64"), dtype="i64")
     assert integer_bounds(slot) == (0, 63)

@@ -25,7 +25,7 @@ def evaluate(body: str, kind: str = "int32_t") -> object:
         ("double", "return fma(0.1, 10.0, -1.0);", 5.551115123125783e-17),
     ],
 )
-def test_meaning_is_that_of_c(kind: str, body: str, value: object) -> None:
+def test_evaluates_c_like_the_standard(kind: str, body: str, value: object) -> None:
     assert evaluate(body, kind) == value
 
 
@@ -52,6 +52,6 @@ def test_meaning_is_that_of_c(kind: str, body: str, value: object) -> None:
         "return n",
     ],
 )
-def test_wrong_c_is_refused(body: str) -> None:
+def test_rejects_invalid_c(body: str) -> None:
     with pytest.raises(Refusal):
         evaluate(body)

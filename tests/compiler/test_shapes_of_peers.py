@@ -42,7 +42,7 @@ def crafts(state, rng):
 
 
 def check_one_and_many(step, state, ticks):
-    """Ticks of one craft, of many over lanes and of many as one function are JAX's."""
+    """Compare steps of one craft, of many over lanes, and of many as one function with JAX."""
     compiled = trimtab.compile(step, np.int32(0), *state)
     for got, wanted in zip(fly(compiled, state, ticks), fly(jax.jit(step), state, ticks), strict=True):
         np.testing.assert_allclose(got, wanted, rtol=1e-12, atol=1e-13)
@@ -60,7 +60,7 @@ def check_one_and_many(step, state, ticks):
         np.testing.assert_allclose(a, w, rtol=1e-12, atol=1e-13)
 
 
-def test_rings_that_each_craft_reads_at_a_place_of_its_own(hover):
+def test_ring_reads_at_a_different_index_per_craft(hover):
     def step(k, ring, x):
         ring, read = hover.through(ring, x + 1, k, 2 + k % 7)
         return ring, 0.9 * read + 0.1 * x
@@ -69,7 +69,7 @@ def test_rings_that_each_craft_reads_at_a_place_of_its_own(hover):
 
 
 @pytest.mark.thorough
-def test_a_vector_chosen_by_one_truth_value_after_a_drawn_delay(hover):
+def test_vector_select_after_a_random_delay(hover):
     key = jnp.array([7, 0], jnp.uint32)
 
     def step(k, ring, x, latch):
@@ -81,7 +81,7 @@ def test_a_vector_chosen_by_one_truth_value_after_a_drawn_delay(hover):
 
 
 @pytest.mark.thorough
-def test_draws_in_a_branch_and_after_it(hover):
+def test_random_draws_inside_and_after_a_branch(hover):
     key = jnp.array([7, 0], jnp.uint32)
 
     def step(k, bias, x, ring):
@@ -100,7 +100,7 @@ def test_draws_in_a_branch_and_after_it(hover):
 
 
 @pytest.mark.thorough
-def test_the_whole_tick_as_one_function_and_the_whole_run(hover):
+def test_whole_step_and_whole_run_match_jax(hover):
     gains, key = np.array(hover.GAINS), np.array([hover.KEY0, 0], np.uint32)
     jitted = jax.jit(hover.step)
     state = hover.init()

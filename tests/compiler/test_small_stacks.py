@@ -47,5 +47,5 @@ CASES = {
 
 @pytest.mark.thorough("results", "leaves", "arrays", "small arrays")
 @pytest.mark.parametrize("name", CASES)
-def test_small_stacks_are_enough(name: str) -> None:
+def test_compiled_functions_run_on_small_stacks(name: str) -> None:
     run_script(PROLOGUE + textwrap.dedent(CASES[name]))

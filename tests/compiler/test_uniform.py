@@ -58,7 +58,7 @@ def count_branches(blocks):
     return sum(isinstance(item, If) for item in items) + (count_branches(inner) if inner else 0)
 
 
-def test_skips_what_only_one_case_needs():
+def test_skips_work_that_only_one_case_needs():
     text = text_of(lambda k, x: jnp.where(k % 3 == 0, jnp.exp(x), x))
     assert inside_branch(text, "ttv_exp")
 
@@ -94,7 +94,7 @@ def test_keeps_a_select_whose_test_differs_between_lanes():
     assert not inside_branch(text_of(lambda k, x: jnp.where(x > 0.0, jnp.exp(-x), x)), "ttv_exp")
 
 
-def test_keeps_a_select_of_little():
+def test_keeps_a_cheap_select():
     text = text_of(lambda k, x: jnp.where(k % 3 == 0, x + 1.0, x))
     assert " if (" not in text[text.index("void go(") :]
 
@@ -111,7 +111,7 @@ def test_selects_of_one_test_share_a_branch():
     assert inside_branch(text, "ttv_exp")
 
 
-def test_leaves_the_given_blocks_alone():
+def test_does_not_change_the_given_blocks():
     made = lower_function(over_ticks(lambda k, x: jnp.where(k % 3 == 0, jnp.exp(x), x)), (0.5,))
     before = made.text("go")
     items = [id(item) for block in made.blocks for item in block.items]

@@ -64,7 +64,7 @@ def fly(step):
 
 
 @pytest.mark.parametrize("step", [*STEPS, *COPYING], ids=lambda f: f.__name__)
-def test_rings_are_those_of_jax(step):
+def test_ring_updates_match_jax(step):
     flight = fly(step)
     ring, numbers = np.random.default_rng(1).normal(size=64), np.random.default_rng(0).normal(size=(3, 200))
     compiled = trimtab.compile(flight, ring, numbers[0], lanes=4)
@@ -83,14 +83,14 @@ def test_no_step_copies_the_ring(step):
     assert source.count("< 2048;") == 1  # once, into the result
 
 
-def test_a_select_of_an_array_with_itself_is_the_array():
+def test_select_between_updated_and_old_array_reads_correctly():
     ring = np.arange(100.0)
     compiled = trimtab.compile(lambda r, x: jnp.where(x > 0, r.at[3].set(x), r)[3] + r[3], ring, 1.0)
     assert compiled(ring, 2.0) == 5.0
     assert compiled(ring, -2.0) == 6.0
 
 
-def test_the_callers_array_is_not_written():
+def test_callers_array_is_not_modified():
     ring = np.arange(100.0)
     compiled = trimtab.compile(lambda r, x: (jnp.where(x > 0, r.at[3].set(x), r), r.at[5].set(x)), ring, 1.0)
     first, second = compiled(ring, 2.0)
@@ -114,7 +114,7 @@ def test_the_callers_array_is_not_written():
         lambda r, i: lax.fori_loop(0, 3, lambda _, c: (c[1], c[0].at[i].set(c[1][0])), (r, 2 * r))[1],
     ],
 )
-def test_old_and_new_elements_in_one_operation(f):
+def test_operation_on_old_and_new_elements_matches_jax(f):
     ring = np.random.default_rng(4).normal(size=60)
     for start in (lambda r: r, lambda r: 3 * r):  # the caller's array, and one of the program's own
         for i in (0, 5, 58):
@@ -123,8 +123,8 @@ def test_old_and_new_elements_in_one_operation(f):
             np.testing.assert_allclose(compiled(ring, i), wanted, rtol=0, atol=1e-13)
 
 
-def test_two_numbers_that_a_loop_carries_may_begin_as_one_array():
-    """Only one of them may have its memory: what is written into it must not be seen in the other."""
+def test_loop_carries_that_start_as_one_array_stay_separate():
+    """The two must not share memory: a write to one must not change the other."""
 
     def flight(x):
         start = x * 2.0
@@ -158,8 +158,8 @@ BRANCHES = (
 
 
 @pytest.mark.parametrize("f", BRANCHES)
-def test_branches_that_hand_arrays_on_are_those_of_jax(f):
-    """One side of a branch may write into what the other hands on: never into what somebody still reads."""
+def test_branches_that_pass_arrays_through_match_jax(f):
+    """One side of a branch may write into an array that the other passes through, but never into one still read."""
 
     def flight(a, b, numbers):
         def turn(carried, x):
@@ -177,8 +177,8 @@ def test_branches_that_hand_arrays_on_are_those_of_jax(f):
         np.testing.assert_allclose(mine, jaxs, rtol=1e-13, atol=1e-13)
 
 
-def test_a_branch_copies_nothing_on_the_side_that_changes_nothing():
-    """Only the side with the new array writes: into the loop's own, which the other side hands on as it is."""
+def test_unchanged_side_of_a_branch_copies_no_array():
+    """Only the side with the new array writes into the loop's own array; the other side passes it through."""
 
     def flight(a, numbers):
         return lax.scan(lambda a, x: (lax.cond(x > 0, lambda: a[::-1] * x, lambda: a), x), a, numbers)[0]

@@ -1,4 +1,4 @@
-"""Least squares between bounds against scipy's, compiled; held unknowns; and what it says where steps run out."""
+"""Least squares between bounds, compiled, against scipy; unknowns fixed by equal bounds; and too few steps."""
 
 import functools
 
@@ -23,7 +23,7 @@ def draw(rng, n):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("n", [2, 4, 6, 8])
-def test_it_finds_what_scipy_finds(n):
+def test_solution_matches_scipy_lsq_linear(n):
     rng = np.random.default_rng(n)
     left_open = 0
     for _ in range(200):
@@ -37,14 +37,14 @@ def test_it_finds_what_scipy_finds(n):
     assert left_open <= 2
 
 
-def test_sides_say_which_bound_holds():
+def test_side_reports_the_active_bound():
     found = solver(8)(np.eye(3), np.array([-5.0, 5.0, 0.1]), np.full(3, -1.0), np.full(3, 1.0), np.zeros(3))
     np.testing.assert_array_equal(found.side, [1, -1, 0])
     np.testing.assert_allclose(found.x, [1, -1, -0.1])
 
 
 @pytest.mark.thorough
-def test_an_unknown_without_room_is_held():
+def test_unknown_with_equal_bounds_is_fixed():
     low, high = np.array([0.0, -1.0]), np.array([0.0, 1.0])
     found = solver(6)(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-3.0, -1.0]), low, high, np.ones(2))
     np.testing.assert_allclose(found.x, [0, 0.5])
@@ -52,7 +52,7 @@ def test_an_unknown_without_room_is_held():
 
 
 @pytest.mark.thorough
-def test_too_few_steps_are_told():
+def test_too_few_steps_are_reported_as_unsolved():
     rng = np.random.default_rng(0)
     A, b, low, high = draw(rng, 8)
     assert not solver(1)(A.T @ A, -A.T @ b, low, high, np.zeros(8)).solved

@@ -17,7 +17,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_own_variable_comes_first_then_xdg_then_home(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_prefers_trimtab_cache_then_xdg_cache_then_home(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert cache_folder("a") == home / ".cache" / "trimtab" / "a"
     monkeypatch.setenv("XDG_CACHE_HOME", str(home / "xdg"))
     assert cache_folder("a") == home / "xdg" / "trimtab" / "a"
@@ -25,7 +25,7 @@ def test_own_variable_comes_first_then_xdg_then_home(home: Path, monkeypatch: py
     assert cache_folder("a") == home / "own" / "a"
 
 
-def test_folder_is_absolute_and_its_owners_alone(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_folder_is_absolute_and_private_to_its_owner(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(home)
     monkeypatch.setenv("TRIMTAB_CACHE", "here")
     folder = cache_folder("a")
@@ -34,38 +34,38 @@ def test_folder_is_absolute_and_its_owners_alone(home: Path, monkeypatch: pytest
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o777])
-def test_folder_that_others_can_write_to_is_refused(home: Path, mode: int) -> None:
+def test_rejects_folder_that_others_can_write_to(home: Path, mode: int) -> None:
     cache_folder("a").chmod(mode)
     with pytest.raises(PermissionError, match="others can write"):
         cache_folder("a")
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can give files away")
-def test_somebody_elses_folder_is_refused(home: Path) -> None:
+def test_rejects_folder_of_another_user(home: Path) -> None:
     os.chown(cache_folder("a"), 12345, -1)
     with pytest.raises(PermissionError, match="another user"):
         cache_folder("a")
 
 
-def test_others_may_read(home: Path) -> None:
+def test_accepts_folder_that_others_can_read(home: Path) -> None:
     cache_folder("a").chmod(0o755)
     assert is_owned_by_user(cache_folder("a").stat())
 
 
-def test_file_in_its_place_is_an_os_error(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_raises_os_error_where_a_file_takes_the_folders_place(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (home / "file").write_text("")
     monkeypatch.setenv("TRIMTAB_CACHE", str(home / "file"))
     with pytest.raises(OSError, match="file"):
         cache_folder("a")
 
 
-def test_unknown_home_is_an_os_error(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_raises_os_error_for_unknown_home(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # as where there is neither HOME nor an entry of it
     with pytest.raises(FileNotFoundError, match="home"):
         cache_folder("a")
 
 
-def test_jax_cache_is_a_folder_of_the_cache(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_jax_cache_lies_inside_the_trimtab_cache(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = {}
     monkeypatch.setattr(jax.config, "update", settings.__setitem__)
     enable_cache()

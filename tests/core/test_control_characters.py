@@ -31,7 +31,7 @@ def test_keeps_printable_text():
 
 
 @pytest.mark.parametrize("text", ATTACKS)
-def test_an_error_sends_no_control_character(text):
+def test_error_message_contains_no_control_character(text):
     error = InputError(f"file, {text}", f"{text} is unknown", choices=(text,), fix=f"write {text}")
     for line in str(error).split("\n"):
         assert line.isprintable()

@@ -13,7 +13,7 @@ PENDULUM = np.array([[0.0, 1.0, 0, 0], [-264.12, -0.64, 28.7, 0.06], [0, 0, 0, 1
 
 @pytest.mark.thorough("1e-06", "0.3", "4.0")
 @pytest.mark.parametrize("size", [1e-6, 0.3, 4.0, 30.0])
-def test_exponential_is_scipys(size):
+def test_matrix_exponential_matches_scipy(size):
     A = np.random.default_rng(0).normal(size=(5, 5))
     A *= size / np.abs(A).sum(1).max()
     want = expm(A)
@@ -21,7 +21,7 @@ def test_exponential_is_scipys(size):
 
 
 @pytest.mark.parametrize("dt", [1e-3, 5e-3, 0.05])
-def test_discrete_model_is_the_integral(dt):
+def test_discrete_model_matches_integrals_of_the_exponential(dt):
     root = np.random.default_rng(1).normal(size=(4, 4))
     Q = root @ root.T
     Ad, Bd, Qd = jax.jit(discretise)(PENDULUM, Q, dt)
@@ -35,7 +35,7 @@ def test_discrete_model_is_the_integral(dt):
 
 
 @pytest.mark.thorough
-def test_two_half_steps_are_one():
+def test_two_half_steps_equal_one_full_step():
     Q = np.diag([1e-5, 100.0, 1e-5, 100.0])
     half, whole = discretise(PENDULUM, Q, 2.5e-3), discretise(PENDULUM, Q, 5e-3)
     np.testing.assert_allclose(half.Ad @ half.Ad, whole.Ad, atol=1e-13)

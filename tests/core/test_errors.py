@@ -25,7 +25,7 @@ def test_message_without_choices_and_fix_is_one_line():
     assert str(InputError("mass", "-1 kg is not above 0.")) == "mass: -1 kg is not above 0."
 
 
-def test_is_a_value_error():
+def test_input_error_is_a_value_error():
     with pytest.raises(ValueError, match="mass"):
         raise InputError("mass", "bad")
 
@@ -41,7 +41,7 @@ def test_survives_pickling_between_processes():
     assert copy.choices == ("a",)
 
 
-def test_what_to_install_is_named_for_the_python_that_runs(monkeypatch, tmp_path):
+def test_install_command_uses_the_running_python(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     python = str(tmp_path / "a b" / "python")
     monkeypatch.setattr(sys, "executable", python)
@@ -50,7 +50,7 @@ def test_what_to_install_is_named_for_the_python_that_runs(monkeypatch, tmp_path
     assert install_command(package="pytest") == f"'{python}' -m pip install pytest"
 
 
-def test_no_other_text_of_the_package_says_what_to_install():
+def test_only_core_errors_contains_pip_install_commands():
     package = Path(trimtab.__file__).parent
     saying = [p.relative_to(package).as_posix() for p in package.rglob("*.py") if "pip install" in p.read_text("utf-8")]
     assert saying == ["core/errors.py"]

@@ -45,7 +45,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_wrong_arguments_are_answered_with_what_to_write(case):
+def test_wrong_arguments_raise_an_error_with_a_fix(case):
     call, problem, fix = WRONG[case]
     with pytest.raises(InputError) as refused:
         call()
@@ -53,13 +53,13 @@ def test_wrong_arguments_are_answered_with_what_to_write(case):
     assert fix in refused.value.fix
 
 
-def test_a_right_call_is_passed_on_and_keeps_its_name():
+def test_valid_call_passes_and_keeps_name_and_docstring():
     assert load("a", rate=2.0) == "a 1 s 2.0"
     assert load.__name__ == "load"
     assert load.__doc__ == "Return both."
 
 
-def test_errors_inside_the_function_are_left_as_they_are():
+def test_errors_inside_the_function_pass_unchanged():
     @explain_call()
     def fail(x):
         return x + "a"

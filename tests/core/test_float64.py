@@ -58,7 +58,7 @@ COMPILER = sorted(m for m in MODULES if m.startswith("trimtab.compiler."))
 """Trace inside `jax.enable_x64`, so that the user's own setting stays."""
 
 
-def test_there_are_modules_that_use_jax():
+def test_finds_the_modules_that_use_jax():
     assert len(_users()) > 100
     assert "trimtab.core.record" in _users()
 
@@ -78,7 +78,7 @@ def test_modules_that_import_jax_switch_float64_on():
     assert without == [], f"import trimtab.core.record, or write {SWITCH}"
 
 
-def test_compiler_leaves_float64_switch():
+def test_compiler_does_not_change_the_float64_switch():
     assert {module: _switches(module) for module in COMPILER if _switches(module)} == {}
 
 
@@ -109,6 +109,6 @@ ORDERS = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("text", ORDERS.values(), ids=ORDERS)
-def test_every_order_gives_float64_and_pytrees(text):
+def test_every_import_order_gives_float64_and_pytrees(text):
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""Texts of formulas: which tree each is, and what is said of those that are none."""
+"""Parser of formulas: the tree of each valid text, and the error for each invalid one."""
 
 import pytest
 
@@ -62,7 +62,7 @@ X, Y, Z = (">", "x", "0"), (">", "y", "0"), (">", "z", "0")
         ("x < 5 % or y > 3 °", ("or", ("<", "x", "5 %"), (">", "y", "3 °"))),
     ],
 )  # fmt: skip
-def test_a_text_is_this_tree(text, tree):
+def test_parses_text_into_the_expected_tree(text, tree):
     assert outline(parse_formula(text)) == tree
 
 
@@ -95,7 +95,7 @@ def test_a_text_is_this_tree(text, tree):
         ("min(x) > 0", 1, "unknown function 'min'"),
     ],
 )  # fmt: skip
-def test_a_text_that_is_none_is_refused_where_it_is_wrong(text, column, says):
+def test_rejects_invalid_formula_with_the_column(text, column, says):
     with pytest.raises(InputError) as refused:
         parse_formula(text)
     assert f"at column {column}: " in str(refused.value)
@@ -103,11 +103,11 @@ def test_a_text_that_is_none_is_refused_where_it_is_wrong(text, column, says):
     assert refused.value.fix
 
 
-def test_a_rest_of_a_unit_is_an_operator_and_a_signal():
+def test_rejects_word_after_a_complete_formula():
     with pytest.raises(InputError, match="at column 13: 's' cannot follow a complete formula"):
         parse_formula("x < 3 rad/s s")
 
 
-def test_words_that_only_formulas_have():
+def test_recognises_temporal_formulas_by_their_operators():
     assert all(map(is_temporal, ("always(x > 0)", "not once[0,1](x>0)", "x > 0 until y > 0", "( eventually x > 0)")))
     assert not any(map(is_temporal, ("settling:x <= 3", "settling:once <= 3", "mean:law.always > 2", "nonce <= 3")))

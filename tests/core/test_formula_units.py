@@ -1,4 +1,4 @@
-"""Formulas against signals: units that fit, and are turned into SI; what is refused, and at which column."""
+"""Units in formulas: conversion to SI, and the column at which a wrong unit is rejected."""
 
 import math
 
@@ -54,14 +54,14 @@ def literals(tree):
         ("always(yaw_rate < 1) and always(yaw_rate > 100 mrad/s)", [1.0, 0.1], "rad/s"),
     ],
 )
-def test_numbers_are_in_the_unit_of_what_they_meet(text, values, unit):
+def test_literals_are_converted_to_si_units(text, values, unit):
     fitted = fit(text)
     assert literals(fitted.root) == pytest.approx(values)
     assert fitted.unit == unit
     assert fitted.text == text
 
 
-def test_the_paths_are_whole_and_each_stands_once():
+def test_signal_paths_are_complete_and_unique():
     assert fit("always(yaw_rate > p[0] / 1 m * 1 rad/s and p[1] < truth.v * 2 s)").paths == (
         "truth.yaw_rate", "p", "truth.v",
     )  # fmt: skip
@@ -83,7 +83,7 @@ def test_the_paths_are_whole_and_each_stands_once():
         ("always(1 < 2) and always(yaw_rate < 1)", 10, "both sides of the comparison are constants"),
     ],
 )
-def test_what_does_not_fit_is_refused_where_it_stands(text, column, says):
+def test_rejects_unit_mismatch_with_the_column(text, column, says):
     with pytest.raises(InputError) as refused:
         fit(text)
     assert f"at column {column}: " in str(refused.value)
@@ -94,11 +94,11 @@ def test_what_does_not_fit_is_refused_where_it_stands(text, column, says):
     ("unit", "plain"),
     [("rad/s", "rad/s"), ("1", "1"), ("kg m^2", "kg m^2"), ("N s^2/m^2", "N s^2/m^2"), ("1/s", "1/s"), ("U^2", "U^2")],
 )
-def test_dimensions_there_and_back(unit, plain):
+def test_dimension_is_parsed_and_formatted_back(unit, plain):
     assert format_dimension(parse_dimension(unit)) == plain
 
 
-def test_how_far_a_formula_looks():
+def test_look_ahead_and_length_of_formulas():
     for text, ahead, length in (
         ("yaw_rate < 1", 0, 0),
         ("always[1 s, 5 s](yaw_rate < 1)", 5, 5),

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 from trimtab.core.html_table import html_table
 
 
-def test_a_table_is_well_formed_and_its_texts_are_escaped():
+def test_html_is_well_formed_and_text_is_escaped():
     text = html_table("a < b", ("x", "y"), [("1", "<script>"), ("2", "&")], "note")
     tree = ElementTree.fromstring(text)
     assert [cell.text for cell in tree.iter("td")] == ["1", "<script>", "2", "&"]

@@ -1,4 +1,4 @@
-"""Steps: the classical one exact on cubics and nothing at a zero step; the order of each, and of what it says."""
+"""Integration steps: exact cases, the order of each step, and the order of its error estimate."""
 
 import jax
 import jax.numpy as jnp
@@ -17,19 +17,19 @@ from trimtab.core.integrate import (
 from trimtab.core.rosenbrock import rodas
 
 
-def test_exact_on_a_cubic_in_time():
+def test_rk4_is_exact_on_a_cubic_in_time():
     got = rk4(lambda t, x: 4 * t**3 - t, 1.0, jnp.asarray(2.0), 0.7)
     assert float(got) == pytest.approx(2.0 + (1.7**4 - 1) - (1.7**2 - 1) / 2, rel=1e-14)
 
 
-def test_linear_equation_gives_the_taylor_polynomial():
+def test_rk4_of_a_linear_equation_gives_the_taylor_polynomial():
     h = 0.3
     got = rk4(lambda t, x: -2.0 * x, 0.0, jnp.asarray(1.0), h)
     z = -2.0 * h
     assert float(got) == pytest.approx(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24, rel=1e-14)
 
 
-def test_error_falls_with_the_fourth_power():
+def test_rk4_error_falls_with_the_fourth_power():
     """x'' = -x with forcing: error at t = 2 for halved steps, slope of its logarithm within 0.1 of 4."""
 
     def f(t, x):
@@ -47,13 +47,13 @@ def test_error_falls_with_the_fourth_power():
     assert slopes == pytest.approx(4.0, abs=0.1)
 
 
-def test_zero_step_gives_the_state_back():
+def test_zero_step_returns_the_same_state():
     x = {"a": jnp.array([1.0, 2.0]), "b": jnp.asarray(3.0)}
     got = rk4(lambda t, x: jax.tree.map(jnp.exp, x), 5.0, x, 0.0)
     assert jax.tree.all(jax.tree.map(lambda a, b: bool((a == b).all()), x, got))
 
 
-def test_negative_step_goes_back():
+def test_negative_step_undoes_a_positive_step():
     def f(t, x):
         return -x + t
 
@@ -73,7 +73,7 @@ START = {"p": jnp.asarray(1.0), "v": jnp.asarray(0.0)}
     ("step", "order", "estimate"),
     [(rk4_with_error, 4, 4), (rk4_with_doubling, 4, 5), (dormand_prince, 5, 5), (rodas, 4, 4)],
 )
-def test_each_step_has_its_order_and_its_estimate_the_embedded_formulas(step, order, estimate):
+def test_order_of_each_step_and_its_error_estimate(step, order, estimate):
     step = jax.jit(step, static_argnums=0)
 
     def end(n):
@@ -89,15 +89,15 @@ def test_each_step_has_its_order_and_its_estimate_the_embedded_formulas(step, or
     assert np.log2(estimates[:-1] / estimates[1:]) == pytest.approx(estimate, abs=0.25)
 
 
-def test_an_estimated_step_is_the_plain_one_to_the_bit():
+def test_error_estimation_does_not_change_the_step():
     plain = jax.jit(rk4, static_argnums=0)(forced, 0.3, START, 0.1)
     for step in (rk4_with_error, rk4_with_doubling):
         estimated, _ = jax.jit(step, static_argnums=0)(forced, 0.3, START, 0.1)
         assert (plain["p"], plain["v"]) == (estimated["p"], estimated["v"])
 
 
-def test_doubling_says_the_error_itself():
-    """Of a single step from known values: its estimate is the true error to a few per cent; the embedded one is not."""
+def test_step_doubling_estimates_the_true_error():
+    """In a single step, step doubling estimates the true error within 5 %; the embedded formula does not."""
 
     def exact(t):
         """x'' = -x + sin 3t from (1, 0) at time zero."""
@@ -111,7 +111,7 @@ def test_doubling_says_the_error_itself():
     assert abs(float(embedded["v"])) > 5 * abs(true[1])
 
 
-def test_dormand_and_prince_is_scipys():
+def test_dormand_prince_step_matches_scipy():
     step = RK45(lambda t, y: [y[1], -y[0] + np.sin(3 * t)], 0.3, [1.0, 0.0], 2.0, first_step=0.1, rtol=1e3, atol=1e3)
     step.step()
     x, _ = dormand_prince(forced, 0.3, START, 0.1)
@@ -119,7 +119,7 @@ def test_dormand_and_prince_is_scipys():
 
 
 @pytest.mark.thorough
-def test_the_implicit_step_damps_what_is_infinitely_fast():
+def test_rodas_step_is_l_stable():
     def error(rate):
         x, _ = rodas(lambda t, x: -rate * (x - jnp.cos(t)), 0.0, jnp.asarray(5.0), 0.1)
         return abs(float(x) - np.cos(0.1))
@@ -130,7 +130,7 @@ def test_the_implicit_step_damps_what_is_infinitely_fast():
     assert abs(float(far)) > 1e20
 
 
-def test_the_ratio_is_of_the_worst_number_and_infinite_where_there_is_none():
+def test_error_ratio_is_the_worst_and_infinite_for_nan():
     x, x1 = {"a": jnp.array([1.0, -3.0])}, {"a": jnp.array([2.0, 1.0])}
     ratio = error_ratio({"a": jnp.array([1e-3, -2e-3])}, x, x1, 1e-3, 1e-3)
     assert float(ratio) == pytest.approx(max(1e-3 / 3e-3, 2e-3 / 4e-3))
@@ -138,5 +138,5 @@ def test_the_ratio_is_of_the_worst_number_and_infinite_where_there_is_none():
 
 
 @pytest.mark.parametrize(("ratio", "factor"), [(1.0, 0.9), (32.0, 0.45), (1e9, 0.2), (np.inf, 0.2), (0.0, 5.0)])
-def test_the_next_step_follows_the_error(ratio, factor):
+def test_next_step_size_follows_the_error_ratio(ratio, factor):
     assert float(next_step(0.1, ratio, 5)) == pytest.approx(0.1 * factor)

@@ -53,7 +53,7 @@ FITS = {
 
 
 @pytest.mark.parametrize(("interface", "cls"), FITS.items())
-def test_a_class_with_the_members_fits(interface, cls):
+def test_class_with_all_members_satisfies_the_interface(interface, cls):
     assert isinstance(cls(), getattr(interfaces, interface))
 
 
@@ -68,11 +68,11 @@ def test_a_class_with_the_members_fits(interface, cls):
         ("Estimator", Boat),
     ],
 )
-def test_a_class_that_lacks_one_does_not(interface, cls):
+def test_class_without_a_member_fails_the_interface(interface, cls):
     assert not isinstance(cls(), getattr(interfaces, interface))
 
 
-def test_the_hovercraft_is_a_vehicle():
+def test_hovercraft_satisfies_the_vehicle_interface():
     from trimtab.vehicles.hovercraft import Hovercraft
 
     assert isinstance(Hovercraft(), interfaces.Vehicle)

@@ -23,12 +23,12 @@ def products(dtype):
 
 
 @pytest.mark.parametrize("dtype", ROWS)
-def test_jit_sums_products_of_many_vectors_right(dtype):
+def test_jit_sums_products_of_many_vectors_correctly(dtype):
     function, vectors, exact = products(dtype)
     np.testing.assert_array_equal(jax.jit(function)(vectors), exact)
 
 
 @pytest.mark.parametrize("dtype", ROWS)
-def test_c_sums_products_of_many_vectors_right(dtype):
+def test_compiled_c_sums_products_of_many_vectors_correctly(dtype):
     function, vectors, exact = products(dtype)
     np.testing.assert_array_equal(compile(function, vectors)(vectors), exact)

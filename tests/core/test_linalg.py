@@ -16,7 +16,7 @@ def _spd(n, seed=0):
 
 
 @pytest.mark.parametrize("n", SIZES)
-def test_cholesky_against_numpy(n):
+def test_cholesky_matches_numpy(n):
     A = _spd(n)
     L = cholesky(jnp.asarray(A))
     np.testing.assert_allclose(L, np.linalg.cholesky(A), rtol=1e-12, atol=1e-13)
@@ -30,7 +30,7 @@ def test_cholesky_reads_only_the_lower_triangle():
 
 @pytest.mark.parametrize("n", SIZES)
 @pytest.mark.parametrize("columns", [(), (1,), (4,)])
-def test_solves_against_numpy(n, columns):
+def test_solve_functions_match_numpy(n, columns):
     A = _spd(n, 1)
     B = np.random.default_rng(2).normal(size=(n, *columns))
     L = np.linalg.cholesky(A)
@@ -48,20 +48,20 @@ def test_solves_against_numpy(n, columns):
     [[[0.0]], [[-1.0]], [[1.0, 2.0], [2.0, 1.0]], [[1.0, 1.0], [1.0, 1.0]], [[np.nan, 0.0], [0.0, 1.0]]],
     ids=["zero", "negative", "indefinite", "singular", "nan"],
 )
-def test_not_positive_definite_is_nan_and_no_exception(A):
+def test_non_positive_definite_matrix_gives_nan_without_exception(A):
     A = jnp.asarray(A)
     assert np.isnan(cholesky(A)).any()
     assert np.isnan(solve_spd(A, jnp.ones(A.shape[0]))).all()
 
 
-def test_semidefinite_first_pivot_spoils_only_what_depends_on_it():
+def test_negative_pivot_makes_only_dependent_entries_nan():
     L = np.asarray(cholesky(jnp.asarray([[4.0, 0.0], [0.0, -1.0]])))
     assert L[0, 0] == 2.0
     assert np.isnan(L[1, 1])
 
 
 @pytest.mark.thorough
-def test_batches_and_differentiates():
+def test_solve_spd_supports_vmap_and_derivatives():
     A = jnp.stack([jnp.asarray(_spd(3, s)) for s in range(4)])
     b = jnp.arange(3.0)
     x = jax.vmap(lambda a: solve_spd(a, b))(A)
@@ -70,19 +70,19 @@ def test_batches_and_differentiates():
     np.testing.assert_allclose(slope, -np.linalg.solve(np.asarray(A[0]), b), rtol=1e-10)
 
 
-def test_symmetric_part():
+def test_symmetric_averages_matrix_and_transpose():
     A = jnp.array([[1.0, 2.0], [4.0, 3.0]])
     np.testing.assert_array_equal(symmetric(A), [[1.0, 3.0], [3.0, 3.0]])
 
 
-def test_calls_no_lapack():
+def test_solve_spd_calls_no_lapack():
     text = str(jax.make_jaxpr(solve_spd)(jnp.eye(3), jnp.ones(3)))
     assert not any(word in text for word in ("cholesky", "triangular_solve", "lu", "custom_call"))
 
 
 @pytest.mark.thorough("9", "5")
 @pytest.mark.parametrize("n", [1, 2, 5, 9])
-def test_inverse_of_any_matrix(n):
+def test_invert_pivots_and_matches_numpy(n):
     A = np.random.default_rng(n).normal(size=(n, n))
     A[0, 0] = 0.0 if n > 1 else A[0, 0]  # which no elimination without pivots survives
     np.testing.assert_allclose(invert(jnp.asarray(A)), np.linalg.inv(A), rtol=1e-10, atol=1e-12)
@@ -90,10 +90,10 @@ def test_inverse_of_any_matrix(n):
 
 
 @pytest.mark.parametrize("n", SIZES)
-def test_inverse_against_numpy(n):
+def test_inverse_spd_matches_numpy(n):
     A = _spd(n, 3)
     np.testing.assert_allclose(inverse_spd(jnp.asarray(A)), np.linalg.inv(A), rtol=1e-10, atol=1e-12)
 
 
-def test_the_inverse_of_what_is_not_positive_definite_is_nan():
+def test_inverse_of_non_positive_definite_matrix_is_nan():
     assert np.isnan(np.asarray(inverse_spd(jnp.asarray([[1.0, 2.0], [2.0, 1.0]])))).any()

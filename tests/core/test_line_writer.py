@@ -1,11 +1,11 @@
-"""Lines by a thread: whoever reports a line waits for nobody, and lost lines are counted."""
+"""Lines written by a thread: put() never blocks, and lost lines are counted."""
 
 import threading
 
 from trimtab.core.line_writer import ROOM, LineWriter
 
 
-def test_lines_come_in_their_order_and_all_of_them():
+def test_all_lines_are_written_in_order():
     written = []
     writer = LineWriter(written.append)
     for k in range(500):
@@ -14,7 +14,7 @@ def test_lines_come_in_their_order_and_all_of_them():
     assert written == [str(k) for k in range(500)]
 
 
-def test_a_writer_that_hangs_holds_up_nobody_and_what_found_no_room_is_counted():
+def test_blocked_write_does_not_block_put_and_overflow_is_counted():
     go, written = threading.Event(), []
 
     def write(text):
@@ -29,7 +29,7 @@ def test_a_writer_that_hangs_holds_up_nobody_and_what_found_no_room_is_counted()
     go.set()
 
 
-def test_lines_that_cannot_be_written_are_counted_and_the_next_are_tried():
+def test_failed_writes_are_counted_and_later_lines_written():
     written = []
 
     def write(text):
@@ -46,7 +46,7 @@ def test_lines_that_cannot_be_written_are_counted_and_the_next_are_tried():
     assert written == ["0", "1", "4"]
 
 
-def test_lines_that_still_wait_count_as_lost_until_they_are_written():
+def test_waiting_lines_count_as_lost_until_written():
     go, written = threading.Event(), []
 
     def write(text):

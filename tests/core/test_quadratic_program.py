@@ -15,7 +15,7 @@ INFINITE = np.inf
 
 
 def draw_program(rng, n, m, kind):
-    """Bounds hold at a drawn point, but where there is to be no solution."""
+    """A random program. Its bounds hold at a random point, except where there must be no solution."""
     rank = int(rng.integers(1, n + 1)) if kind == "degenerate" else n
     B = rng.normal(size=(n, rank))
     P = B @ B.T * 10 ** rng.uniform(-2, 2) + (0.0 if kind == "degenerate" else 1e-2) * np.eye(n)
@@ -71,7 +71,7 @@ def bound(p, ours, x, forces):
 
 
 def compare(kind, n, m, count, seed):
-    """Shares solved and called infeasible of those that Clarabel solves; what is claimed is checked."""
+    """Shares of solved and of infeasible programs among those that Clarabel solves; each solution is checked."""
     rng, solve = np.random.default_rng(seed), compiled(n, m, 40, 50)
     solved, infeasible, known = 0, 0, 0
     for _ in range(count):
@@ -95,7 +95,7 @@ def compare(kind, n, m, count, seed):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("kind", "wanted"), [("plain", (1, 0.99, 0)), ("degenerate", (1, 0.95, 0))])
-def test_programs_with_a_solution(kind, wanted):
+def test_feasible_programs_match_clarabel(kind, wanted):
     known, solved, infeasible = compare(kind, 8, 20, 300, 1)
     assert known == wanted[0]
     assert solved >= wanted[1]
@@ -103,7 +103,7 @@ def test_programs_with_a_solution(kind, wanted):
 
 
 @pytest.mark.thorough
-def test_programs_without_a_solution_are_told_and_nothing_raises():
+def test_infeasible_programs_are_detected_without_exception():
     known, solved, infeasible = compare("infeasible", 8, 20, 300, 2)
     assert known == solved == 0
     assert infeasible >= 0.95
@@ -112,7 +112,7 @@ def test_programs_without_a_solution_are_told_and_nothing_raises():
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(("n", "m"), [(3, 9), (8, 20), (26, 52)])
-def test_thousands_of_programs(n, m):
+def test_thousands_of_programs_match_clarabel(n, m):
     count = 1000 if n < 20 else 500
     assert compare("plain", n, m, count, 3)[1] >= 0.99
     assert compare("degenerate", n, m, count, 4)[1] >= 0.9
@@ -120,7 +120,7 @@ def test_thousands_of_programs(n, m):
 
 
 @pytest.mark.thorough
-def test_a_known_one():
+def test_solves_example_of_nocedal_and_wright():
     """Nocedal & Wright, "Numerical optimization", example 16.4: x = (1.4, 1.7)."""
     A = np.array([[1.0, -2], [-1, -2], [-1, 2], [1, 0], [0, 1]])
     p = QuadraticProgram(2 * np.eye(2), np.array([-2.0, -5]), A, np.array([-2.0, -6, -2, 0, 0]), np.full(5, np.inf))
@@ -131,7 +131,7 @@ def test_a_known_one():
 
 
 @pytest.mark.thorough
-def test_a_start_near_the_solution_needs_fewer_iterations():
+def test_start_near_the_solution_needs_fewer_iterations():
     p = draw_program(np.random.default_rng(7), 8, 20, "plain")
     far = compiled(8, 20, 40, 50)(p, start_of(8, 20))
     start = QuadraticStart(far.x, far.y, far.rho)
@@ -140,7 +140,7 @@ def test_a_start_near_the_solution_needs_fewer_iterations():
     assert not few(p, start_of(8, 20)).solved
 
 
-def test_not_even_nonsense_raises():
+def test_invalid_program_is_unsolved_without_exception():
     p = draw_program(np.random.default_rng(8), 8, 20, "plain")
     for broken in (p._replace(P=-p.P), p._replace(q=p.q * np.nan), p._replace(l=p.u, u=p.l)):
         found = compiled(8, 20, 40, 50)(broken, start_of(8, 20))
@@ -149,7 +149,7 @@ def test_not_even_nonsense_raises():
 
 
 @pytest.mark.thorough
-def test_what_is_only_unfinished_is_not_called_infeasible():
+def test_unconverged_program_is_not_reported_infeasible():
     rng = np.random.default_rng(9)
     for _ in range(200):
         found = compiled(8, 20, 1, 5)(draw_program(rng, 8, 20, "plain"), start_of(8, 20))

@@ -32,17 +32,17 @@ class Gains:
     k2: Scalar = quantity("kg/s", "Second.", default=2.0)
 
 
-def test_unknown_kind_is_refused():
+def test_rejects_unknown_kind():
     with pytest.raises(TypeError, match="'length' is not one of"):
         quantity("m", "A length.", kind="length")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_kind_fixes_the_type(kind):
+def test_kind_determines_the_dtype(kind):
     assert Quantity("1", "Something.", kind=kind).dtype() is DTYPES[kind]
 
 
-def test_options_and_periods_say_what_they_take():
+def test_declarations_of_options_and_periods():
     @record
     class Choices:
         """Source: this test."""
@@ -56,7 +56,7 @@ def test_options_and_periods_say_what_they_take():
     }
 
 
-def test_an_array_may_be_a_default():
+def test_accepts_array_as_default():
     start = np.zeros(3)
 
     @record
@@ -68,7 +68,7 @@ def test_an_array_may_be_a_default():
     assert Vector().x is start
 
 
-def test_is_record_tells_records_from_the_rest():
+def test_is_record_accepts_only_record_instances():
     @dataclasses.dataclass
     class Plain:
         x: float = 1.0
@@ -77,18 +77,18 @@ def test_is_record_tells_records_from_the_rest():
     assert not any(is_record(v) for v in (Plain(), 1.0, None, {"a": Gains()}, Gains))
 
 
-def test_children_are_one_level():
+def test_children_lists_one_level_only():
     assert [n for n, _, _ in children(Gains())] == ["k1", "k2"]
     assert children({"a": 1}) == [("a", 1, None)]
     assert children((4, 5)) == [("0", 4, None), ("1", 5, None)]
     assert children(1.0) == []
 
 
-def test_leaves_below_a_path():
+def test_leaves_are_listed_below_a_path():
     assert [p for p, _, _ in leaves(Gains(), "law")] == ["law.k1", "law.k2"]
     assert list(leaves(3.0)) == []
 
 
-def test_declarations_need_no_jax():
+def test_importing_declarations_does_not_import_jax():
     text = "import sys, trimtab.core.quantity\nprint('jax' in sys.modules)"
     assert subprocess.check_output([sys.executable, "-c", text], text=True) == "False\n"

@@ -81,7 +81,7 @@ PATHS = [
 ]
 
 
-def test_declarations_hold_what_was_declared():
+def test_declarations_keep_all_declared_properties():
     declared = declarations(Block)
     assert declared["x"] == Quantity("m", "A vector.", frame="W", shape=(3,))
     assert declared["mode"] == Quantity("1", "A mode.", kind="mode", modes=("off", "on"))
@@ -96,7 +96,7 @@ def test_records_are_frozen():
         Gains().k1 = 3.0  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def test_field_that_is_not_declared_is_refused():
+def test_rejects_field_without_declaration():
     with pytest.raises(InputError, match=r"record Bad: 'k1' has no declaration"):
 
         @record
@@ -106,7 +106,7 @@ def test_field_that_is_not_declared_is_refused():
             k1: float = 1.0
 
 
-def test_missing_value_is_refused_by_name():
+def test_rejects_missing_value_by_name():
     @record
     class Needs:
         """Source: this test."""
@@ -133,7 +133,7 @@ def test_pytree_paths_are_the_field_names():
     assert ".several['a'].k2" in paths
 
 
-def test_changing_an_option_compiles_again_and_a_quantity_does_not():
+def test_option_change_recompiles_and_quantity_change_does_not():
     traced = []
 
     @jax.jit
@@ -157,7 +157,7 @@ def test_leaves_are_dotted_paths_in_declared_order():
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_with_leaf_changes_that_leaf_and_no_other(path):
+def test_with_leaf_changes_only_the_named_leaf(path):
     marker = object()
     block = Block()
     changed = with_leaf(block, path, lambda old, declared: marker)
@@ -170,19 +170,19 @@ def test_with_leaf_changes_that_leaf_and_no_other(path):
     assert type(changed.pair) is tuple
 
 
-def test_with_leaf_gives_old_value_and_declaration():
+def test_with_leaf_passes_old_value_and_declaration():
     seen = []
     with_leaf(Block(), "pair.0.k1", lambda old, declared: seen.append((old, declared)))
     assert seen == [(5.0, declarations(Gains)["k1"])]
 
 
 @pytest.mark.parametrize("path", ["nosuch", "gains", "gains.k9", "gains.k1.x", "pair.7.k1", "several.c.k1", ""])
-def test_with_leaf_refuses_a_path_that_is_no_leaf(path):
+def test_with_leaf_rejects_path_of_a_non_leaf(path):
     with pytest.raises(KeyError):
         with_leaf(Block(), path, lambda old, declared: old)
 
 
-def test_numeric_gives_every_quantity_its_declared_type():
+def test_to_arrays_gives_every_quantity_its_declared_dtype():
     made = to_arrays(Block())
     for path, value, declared in leaves(made):
         if isinstance(declared, Quantity):
@@ -193,19 +193,19 @@ def test_numeric_gives_every_quantity_its_declared_type():
     assert (made.form, made.nothing, type(made.pair), type(made.several)) == ("literal", None, tuple, dict)
 
 
-def test_numeric_twice_is_numeric_once():
+def test_to_arrays_is_idempotent():
     once, twice = to_arrays(Block()), to_arrays(to_arrays(Block()))
     assert jax.tree.structure(once) == jax.tree.structure(twice)
     assert all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(once), jax.tree.leaves(twice), strict=True))
 
 
-def test_numeric_reaches_records_in_mappings_and_tuples_at_the_top():
+def test_to_arrays_converts_records_in_mappings_and_tuples():
     made = to_arrays({"a": (Gains(1, 2),)})
     assert made["a"][0].k1.dtype == np.float64
     assert to_arrays(()) == ()
 
 
-def test_a_setting_of_an_absent_part_puts_it_there_and_nothing_else_does():
+def test_setting_of_an_absent_part_creates_that_part():
     craft = {"craft": Hovercraft()}
     assert [path for path, _ in absent_parts(craft)] == ["craft.friction"]
     there = with_part_of(craft, "craft.friction.torque_viscous")
@@ -216,7 +216,7 @@ def test_a_setting_of_an_absent_part_puts_it_there_and_nothing_else_does():
     assert with_part_of(there, "craft.friction.torque_viscous") is there
 
 
-def test_records_pass_through_transformations():
+def test_records_pass_through_vmap_and_grad():
     batch = Gains(jnp.arange(3.0), jnp.ones(3))
     doubled = jax.vmap(lambda g: replace(g, k1=2 * g.k1))(batch)
     np.testing.assert_array_equal(doubled.k1, [0.0, 2.0, 4.0])
@@ -225,7 +225,7 @@ def test_records_pass_through_transformations():
     assert (float(slope.k1), float(slope.k2)) == (12.0, 9.0)
 
 
-def test_replace_names_the_nearest_field():
+def test_replace_error_suggests_the_nearest_field():
     with pytest.raises(InputError, match="no such field") as refused:
         replace(Hovercraft(), mas=3.0)
     assert "mass" in refused.value.choices
@@ -233,7 +233,7 @@ def test_replace_names_the_nearest_field():
 
 
 @pytest.mark.parametrize("value", [0.02, 10.0])
-def test_refuses_a_period_without_a_unit(value):
+def test_rejects_period_without_unit(value):
     @record
     class Lamp:
         """Source: this test."""
@@ -246,7 +246,7 @@ def test_refuses_a_period_without_a_unit(value):
     assert f'blink="{value} s"' in refused.value.fix
 
 
-def test_an_assignment_names_what_to_write():
+def test_assignment_error_suggests_replace():
     @record
     class Wheel:
         """A wheel. Source: this test."""
@@ -259,7 +259,7 @@ def test_an_assignment_names_what_to_write():
     assert wheel.radius == 0.3
 
 
-def test_refuses_a_field_without_annotation():
+def test_rejects_field_without_annotation():
     with pytest.raises(InputError, match="record Spoke: 'length' is a field but has no type annotation") as refused:
 
         @record

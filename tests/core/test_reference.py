@@ -35,7 +35,7 @@ ORDERS = ("place", "velocity", "acceleration", "jerk", "snap")
 
 @pytest.mark.thorough("circle at once", "one leg", "headed")
 @pytest.mark.parametrize("name", PATHS)
-def test_each_derivative_is_that_of_the_one_before(name):
+def test_derivatives_of_each_path_are_consistent(name):
     path = PATHS[name]
     assert isinstance(path, Reference)
     both = jax.jit(lambda t: jax.jvp(path.at, (t,), (1.0,)))
@@ -47,7 +47,7 @@ def test_each_derivative_is_that_of_the_one_before(name):
                 np.testing.assert_allclose(getattr(rate, order), getattr(point, after), atol=1e-9, err_msg=order)
 
 
-def test_circle_is_one_and_sets_out_from_rest():
+def test_circle_keeps_its_radius_and_starts_at_rest():
     path = PATHS["circle"]
     at = jax.jit(path.at)
     for t in (0.0, 5.0, 20.0, 47.0):
@@ -61,8 +61,8 @@ def test_circle_is_one_and_sets_out_from_rest():
 
 
 @pytest.mark.thorough
-def test_eight_turns_its_acceleration_only_where_there_is_some():
-    """In the crossing the line along which it accelerates stands still, so that no torque is needed without thrust."""
+def test_figure_eight_keeps_acceleration_direction_at_the_crossing():
+    """Where the acceleration passes zero, its direction does not turn, so that no torque is needed without thrust."""
     path = FigureEight(length=4.0, width=2.0, period=40.0, ease=0.0)
     t = 10.0 + np.linspace(-0.2, 0.2, 9)
     a = np.array([path.at(x).acceleration for x in t])
@@ -74,7 +74,7 @@ def test_eight_turns_its_acceleration_only_where_there_is_some():
 
 
 @pytest.mark.thorough
-def test_waypoints_are_passed_from_rest_to_rest():
+def test_waypoint_path_passes_corners_and_ends_at_rest():
     path = pass_waypoints(CORNERS, (0.4, 0.3, 0.4))
     for t, corner in zip(path.times, [path.at(t).place for t in path.times], strict=True):
         assert np.hypot(*(CORNERS - corner).T).min() < 1e-9, t
@@ -87,7 +87,7 @@ def test_waypoints_are_passed_from_rest_to_rest():
     assert fastest == pytest.approx(0.4, rel=1e-4)
 
 
-def test_a_sampled_path_is_scipys_spline():
+def test_interpolated_path_matches_scipy_spline():
     t, x = np.linspace(0, 9, 12) ** 1.1, np.random.default_rng(4).normal(size=(12, 2))
     spline, path = make_interp_spline(t, x, k=5), interpolate_path(t, x)
     point_at = jax.jit(path.at)
@@ -98,7 +98,7 @@ def test_a_sampled_path_is_scipys_spline():
             np.testing.assert_allclose(getattr(point, name), wanted, rtol=1e-6, atol=1e-8 * 10**order)
 
 
-def test_another_time_goes_by_the_chain_rule():
+def test_retimed_derivatives_follow_the_chain_rule():
     path = PATHS["eight"]
 
     def later(t):
@@ -121,7 +121,7 @@ def test_another_time_goes_by_the_chain_rule():
         (lambda: PiecewisePath(np.array([0.0, 1.0, 0.5]), np.zeros((2, 6, 3))).check(), "times must increase"),
     ],
 )
-def test_what_is_no_path_is_refused(make, problem):
+def test_rejects_invalid_path(make, problem):
     with pytest.raises(InputError, match=problem):
         make()
 
@@ -129,7 +129,7 @@ def test_what_is_no_path_is_refused(make, problem):
 @pytest.mark.thorough("circle", "eight")
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("name", ["circle", "eight", "waypoints"])
-def test_its_c_gives_the_same(name):
+def test_compiled_path_matches_jax(name):
     path = PATHS[name]
     run = compile(lambda path, t: path.at(t), path, np.float64(0.0))
     at = jax.jit(path.at)

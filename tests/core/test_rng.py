@@ -19,13 +19,13 @@ from trimtab.core.rng import Key, key, normal2, normals, threefry2x32, uniform2
         ((7, 0), (1, 3), (0x72ED89E7, 0x8A3447F5)),
     ],
 )
-def test_known_answers(k, c, words):
+def test_threefry_matches_known_answers(k, c, words):
     """The first three are the 20-round known answers of Salmon et al.'s Random123 distribution."""
     got = threefry2x32(*(np.uint32(w) for w in (*k, *c)))
     assert tuple(int(w) for w in got) == words
 
 
-def _by_hand(k0, k1, c0, c1):
+def _plain_threefry(k0, k1, c0, c1):
     """Threefry 2x32, 20 rounds, with Python's own integers and one rotation table."""
     mask, keys = 2**32 - 1, (k0, k1, k0 ^ k1 ^ 0x1BD11BDA)
     x, y = (c0 + k0) & mask, (c1 + k1) & mask
@@ -39,18 +39,18 @@ def _by_hand(k0, k1, c0, c1):
     return x, y
 
 
-def test_many_counters_against_plain_python_and_jax():
+def test_threefry_matches_plain_python_and_jax():
     rng = np.random.default_rng(1)
     k = rng.integers(0, 2**32, 2, dtype=np.uint32)
     c = rng.integers(0, 2**32, (2, 200), dtype=np.uint32)
     a, b = (np.asarray(w) for w in threefry2x32(k[0], k[1], c[0], c[1]))
     for i in range(200):
-        assert (int(a[i]), int(b[i])) == _by_hand(int(k[0]), int(k[1]), int(c[0, i]), int(c[1, i]))
+        assert (int(a[i]), int(b[i])) == _plain_threefry(int(k[0]), int(k[1]), int(c[0, i]), int(c[1, i]))
     theirs = np.asarray(jax.extend.random.threefry_2x32(jnp.asarray(k), jnp.asarray(c.reshape(-1))))
     np.testing.assert_array_equal(np.concatenate([a, b]), theirs)
 
 
-def test_uniforms_are_inside_the_open_interval_and_uniform():
+def test_uniforms_are_uniform_in_the_open_interval():
     k = key(3, 1)
     u, v = (np.asarray(w) for w in jax.jit(lambda i: uniform2(k, i))(jnp.arange(100_000)))
     for w in (u, v):
@@ -60,7 +60,7 @@ def test_uniforms_are_inside_the_open_interval_and_uniform():
     assert abs(np.corrcoef(u, v)[0, 1]) < 4 / np.sqrt(len(u))
 
 
-def test_extreme_words_stay_finite():
+def test_extreme_words_give_finite_normals():
     """A word of all zeros or ones gives a finite normal: the interval is open."""
     from trimtab.core.rng import _uniform
 
@@ -82,14 +82,14 @@ def test_normals_are_normal_and_independent():
     assert abs(lagged) < 4 / np.sqrt(len(z))
 
 
-def test_normals_of_odd_length_are_the_first_of_the_longer():
+def test_odd_count_of_normals_is_a_prefix_of_even():
     k = key(5)
     two, three, four, first = jax.jit(lambda i: (*(normals(k, i, n) for n in (2, 3, 4)), jnp.stack(normal2(k, i))))(9)
     np.testing.assert_array_equal(three, four[:3])
     np.testing.assert_array_equal(two, first)
 
 
-def test_a_draw_depends_on_seed_run_index_and_stream_and_on_nothing_else():
+def test_draw_depends_only_on_seed_run_index_and_stream():
     draws = {
         float(uniform2(k, i, s)[0])
         for k in (key(1, 0), key(1, 1), key(2, 0), key(1, 0).at("imu"))
@@ -100,12 +100,12 @@ def test_a_draw_depends_on_seed_run_index_and_stream_and_on_nothing_else():
     assert uniform2(key(1, 0), 5, 1) == uniform2(key(1, 0), np.int64(5), 1)
 
 
-def test_seed_and_run_are_taken_modulo_a_word():
+def test_seed_and_run_wrap_modulo_32_bits():
     assert int(key(2**32 + 3, -1).seed) == 3
     assert int(key(0, -1).run) == 2**32 - 1
 
 
-def test_streams_follow_from_the_path_alone():
+def test_stream_depends_only_on_the_path():
     root = key(1)
     names = ["sensors", "uplink", "downlink", "imu", "actuators"]
     streams = {root.at(n).stream for n in names} | {root.at("sensors").at(n).stream for n in names}
@@ -114,7 +114,7 @@ def test_streams_follow_from_the_path_alone():
     assert root.at("a").at("b").stream != root.at("b").at("a").stream
 
 
-def test_streams_of_blocks_differ_in_their_numbers():
+def test_streams_of_different_blocks_are_uncorrelated():
     k = key(4)
     draw = jax.jit(lambda k: normals(k, jnp.arange(1), 64))
     a, b = (np.asarray(draw(k.at(n))).ravel() for n in ("uplink", "downlink"))
@@ -122,7 +122,7 @@ def test_streams_of_blocks_differ_in_their_numbers():
     assert not np.isin(a, b).any()
 
 
-def test_runs_of_a_batch_are_the_runs_made_alone():
+def test_batched_runs_equal_single_runs():
     runs = jnp.arange(5, dtype=jnp.uint32)
     batch = jax.vmap(lambda r: jnp.stack(uniform2(Key(np.uint32(7), r, 12), 3)))(runs)
     for r in range(5):
@@ -137,7 +137,7 @@ def grouped(words, stream=5):
 
 
 @pytest.mark.thorough
-def test_words_of_groups_draw_normals_that_are_as_normal():
+def test_grouped_keys_draw_independent_normals():
     words = np.random.default_rng(3).integers(0, 2**32, GROUPS, dtype=np.uint32)
     z = np.asarray(jax.jit(jax.vmap(lambda i: normals(grouped(words), i, 4)))(jnp.arange(50_000)))
     for column in z.T:
@@ -151,7 +151,7 @@ def test_words_of_groups_draw_normals_that_are_as_normal():
 
 
 @pytest.mark.thorough
-def test_another_word_of_one_group_changes_its_share_of_the_draws():
+def test_changing_one_group_word_changes_its_share_of_draws():
     """A normal is a sum of eight terms in eight groups: a quarter of them change, each by an eighth of its variance."""
     rng = np.random.default_rng(4)
     words = rng.integers(0, 2**32, GROUPS, dtype=np.uint32)

@@ -26,8 +26,8 @@ slope_of_rotation = jax.jit(jax.jacfwd(r.from_rotation_vector))
 
 
 @given(ANGLES)
-def test_wrap_is_the_same_angle_in_the_half_open_turn(angle):
-    """Round-off may put an angle a hair below -pi on +pi itself, never beyond."""
+def test_wrap_keeps_the_angle_within_plus_minus_pi(angle):
+    """Rounding may turn an angle just below -pi into +pi exactly, never more."""
     got = float(wrap(angle))
     assert -np.pi <= got <= np.pi
     assert np.cos(got) == pytest.approx(np.cos(angle), abs=1e-11)
@@ -35,15 +35,15 @@ def test_wrap_is_the_same_angle_in_the_half_open_turn(angle):
 
 
 @given(ANGLES)
-def test_wrap_positive_is_the_same_angle_in_a_turn(angle):
-    """Round-off may put an angle a hair below 0 on 2 pi, and leaves the very smallest doubles alone."""
+def test_wrap_positive_keeps_the_angle_within_one_turn(angle):
+    """Rounding may turn an angle just below 0 into 2 pi, and leaves subnormal numbers unchanged."""
     got = float(wrap_positive(angle))
     assert -1e-300 <= got <= 2 * np.pi
     assert np.cos(got) == pytest.approx(np.cos(angle), abs=1e-11)
     assert np.sin(got) == pytest.approx(np.sin(angle), abs=1e-11)
 
 
-def test_wrap_at_the_seam():
+def test_wrap_at_plus_and_minus_pi():
     assert float(wrap(np.pi)) == -np.pi
     assert float(wrap(-np.pi)) == -np.pi
     assert float(wrap(0.25)) == 0.25
@@ -52,7 +52,7 @@ def test_wrap_at_the_seam():
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.3, -2.0, 9.0])
-def test_planar_is_a_clockwise_turn_seen_from_above(heading):
+def test_planar_rotation_is_clockwise_seen_from_above(heading):
     R = np.asarray(r.planar(heading))
     np.testing.assert_allclose(R, Rotation.from_euler("z", heading).as_matrix()[:2, :2], atol=1e-15)
     north, east = R @ [1.0, 0.0]
@@ -60,14 +60,14 @@ def test_planar_is_a_clockwise_turn_seen_from_above(heading):
 
 
 @pytest.mark.parametrize("i", range(40))
-def test_euler_against_scipy(i):
+def test_euler_angles_match_scipy(i):
     yaw, pitch, roll = RANDOM[i].as_euler("ZYX")
     R = np.asarray(from_euler(roll, pitch, yaw))
     np.testing.assert_allclose(R, RANDOM[i].as_matrix(), atol=1e-14)
     np.testing.assert_allclose(to_euler(R), [roll, pitch, yaw], atol=1e-12)
 
 
-def test_euler_signs():
+def test_signs_of_euler_angles():
     """z down: positive pitch lifts the nose (negative down component), positive yaw turns it east."""
     nose_up = np.asarray(from_euler(0.0, 0.2, 0.0)) @ [1.0, 0.0, 0.0]
     assert nose_up[2] == pytest.approx(-np.sin(0.2))
@@ -91,24 +91,24 @@ def test_euler_angles_near_vertical_give_the_same_rotation(pitch, yaw, aside, dt
 
 
 @pytest.mark.parametrize("v", VECTORS)
-def test_rotation_vector_against_scipy(v):
+def test_rotation_vector_matches_scipy(v):
     wanted = Rotation.from_rotvec(v).as_matrix()
     np.testing.assert_allclose(from_rotation_vector(v), wanted, atol=1e-15)
 
 
 @pytest.mark.parametrize("v", VECTORS[:3])
-def test_rotation_vector_differentiates_at_and_near_zero(v):
+def test_rotation_vector_derivative_is_finite_near_zero(v):
     assert np.isfinite(slope_of_rotation(v)).all()
     slope = slope_of_rotation(np.zeros(3))
     np.testing.assert_array_equal(slope[2, 1], [1.0, 0.0, 0.0])
 
 
-def test_cross_matrix():
+def test_cross_matrix_matches_numpy_cross():
     v, w = np.array([1.0, 2.0, 3.0]), np.array([-2.0, 0.5, 1.0])
     np.testing.assert_allclose(r.cross_matrix(jnp.asarray(v)) @ w, np.cross(v, w))
 
 
-def test_a_tiny_negative_angle_stays_below_a_full_turn():
+def test_wrap_positive_of_tiny_negative_angle_is_zero():
     assert wrap_positive(-1e-17) == 0.0
 
 
@@ -124,7 +124,7 @@ def _printed_update(R, turn):
     return (np.eye(3) + np.sin(n) / n**2 * U + (1 - np.cos(n)) / n**2 * U @ U) @ R
 
 
-def test_matrix_update_turns_in_the_body():
+def test_matrix_update_rotates_in_the_body_frame():
     """B(k) = B(k-1) Eᵀ to rounding; E B, and the printed first term over |v|², are wrong by much more.
 
     Oracle: the product of scipy's rotations, the turn in the body after the attitude.
@@ -141,7 +141,7 @@ def test_matrix_update_turns_in_the_body():
     assert min(worst) > 0.05
 
 
-def test_matrix_updates_are_the_limit_of_small_turns():
+def test_small_matrix_updates_match_integrated_rotation():
     """R' = R [w ×]: against scipy's integration of a rate that changes its axis."""
     from scipy.integrate import solve_ivp
 

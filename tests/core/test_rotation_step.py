@@ -1,4 +1,4 @@
-"""Turns on the rotation group: exact for a constant rate, of their order for one that changes, of length one."""
+"""Steps on the rotation group: exact for a constant rate, of the expected order otherwise, length kept."""
 
 import functools
 from typing import Any
@@ -39,7 +39,7 @@ def fly(step, n, f=free, start=START):
     return jax.lax.fori_loop(0, n, lambda k, x: step(f, k * 2.0 / n, x, 2.0 / n)[0], start)
 
 
-def test_a_constant_rate_is_exact_in_one_step():
+def test_constant_rate_is_exact_in_one_step():
     start = Spin(START.q, jnp.array([0.3, -0.2, 0.4]))
 
     def constant(t, x):
@@ -54,7 +54,7 @@ def test_a_constant_rate_is_exact_in_one_step():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("step", "order"), [(rk4_with_error, 4), (dormand_prince, 5), (rodas, 4)])
-def test_it_keeps_the_order_of_its_step_and_the_length_of_a_quaternion(step, order):
+def test_rotation_step_keeps_order_and_quaternion_length(step, order):
     y0 = np.r_[START.q, START.w]
 
     def rates(t, y):
@@ -74,7 +74,7 @@ def test_it_keeps_the_order_of_its_step_and_the_length_of_a_quaternion(step, ord
 
 
 @pytest.mark.thorough
-def test_a_term_that_brings_the_length_back_is_left_out():
+def test_length_correction_term_is_ignored():
     def corrected(t, x):
         dx = free(t, x)
         return Spin(dx.q + 5.0 * (1 - x.q @ x.q) * x.q, dx.w)
@@ -87,7 +87,7 @@ def test_a_term_that_brings_the_length_back_is_left_out():
 
 
 @pytest.mark.thorough
-def test_what_it_says_of_its_error_is_of_the_quaternion():
+def test_error_estimate_of_the_quaternion_has_order_four():
     step = jax.jit(rotation_step(rk4_with_error, ("q",)), static_argnums=0)
     sizes = [float(jnp.abs(step(free, 0.0, START, h)[1].q).max()) for h in (0.2, 0.1)]
     assert np.log2(sizes[0] / sizes[1]) == pytest.approx(4.0, abs=0.5)

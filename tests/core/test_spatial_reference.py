@@ -25,14 +25,14 @@ TURNS = ("heading", "heading_rate", "heading_acceleration")
 )
 @pytest.mark.parametrize("reference", REFERENCES.values(), ids=REFERENCES)
 @pytest.mark.parametrize("names", [ORDER, TURNS], ids=["place", "heading"])
-def test_derivatives(reference, names):
+def test_derivatives_of_spatial_references_are_consistent(reference, names):
     for t in (0.3, 1.7, 2.9, 4.4, 7.1):
         point, rate = jax.jvp(reference.at, (t,), (1.0,))
         for name, next_name in itertools.pairwise(names):
             np.testing.assert_allclose(getattr(rate, name), getattr(point, next_name), atol=1e-9, err_msg=f"{name} {t}")
 
 
-def test_helix_is_the_publications():
+def test_helix_matches_the_publication():
     """x_d = (0.4 t, 0.4 sin πt, 0.6 cos πt), b_1d = (cos πt, sin πt, 0)."""
     for t in (0.0, 0.3, 1.9):
         point = Helix().at(t)
@@ -40,7 +40,7 @@ def test_helix_is_the_publications():
         assert point.heading == pytest.approx(np.pi * t)
 
 
-def test_a_level_path_stays_at_its_height_with_one_heading():
+def test_level_path_keeps_height_and_heading():
     turned = replace(REFERENCES["circle"], heading=0.7)
     for t in (1.0, 4.0):
         assert turned.at(t).place[2] == -3.0

@@ -12,7 +12,7 @@ def test_closest_finds_a_misspelling():
     assert closest("world.vehicle.mas", CHOICES)[0] == "world.vehicle.mass"
 
 
-def test_closest_finds_a_bare_last_name_first():
+def test_closest_completes_a_bare_last_name():
     assert closest("k1", CHOICES) == ["autopilot.law.k1"]
 
 
@@ -20,7 +20,7 @@ def test_closest_is_empty_when_nothing_is_near():
     assert closest("zzzz", CHOICES) == []
 
 
-def test_closest_gives_at_most_n_and_no_doubles():
+def test_closest_returns_at_most_n_without_duplicates():
     names = [f"part{i}.mass" for i in range(5)]
     found = closest("mass", names, n=3)
     assert found == ["part0.mass", "part1.mass", "part2.mass"]
@@ -36,7 +36,7 @@ def test_closest_gives_at_most_n_and_no_doubles():
         ("zzzz", "autopilot", "settings(SCENARIO)"),
     ],
 )
-def test_an_unknown_setting_gets_the_nearest_ones(typed, choices, fix):
+def test_unknown_setting_error_suggests_the_nearest(typed, choices, fix):
     error = unknown_setting("settings", typed, CHOICES)
     assert isinstance(error, InputError)
     assert error.choices[0] == choices

@@ -12,11 +12,11 @@ from trimtab.core.errors import InputError
 from trimtab.core.time import Instant, format_time, ms, parse_time, seconds, timetable, to_seconds
 
 
-def test_the_three_periods_of_the_loop_are_exact():
+def test_loop_periods_are_exact_integers():
     assert (ms(1), ms(6.5536), ms(20)) == (10_000, 65_536, 200_000)
 
 
-def test_the_three_periods_meet_when_integers_say_so():
+def test_loop_periods_coincide_only_at_time_zero():
     """10 000, 65 536 and 200 000 meet first after lcm(2^4 5^4, 2^16, 2^6 5^5) = 2^16 5^5 units, 20.48 s."""
     periods = (ms(1), ms(6.5536), ms(20))
     table = timetable(periods, seconds(2), ms(1))
@@ -32,18 +32,18 @@ def test_the_three_periods_meet_when_integers_say_so():
     ("value", "units"),
     [(1, 10_000_000), ("0.0065536", 65_536), (Decimal("1e-7"), 1), (0.1, 1_000_000), (-2, -(2 * 10**7))],
 )
-def test_seconds(value, units):
+def test_seconds_converts_to_integer_units(value, units):
     assert seconds(value) == units
 
 
 @pytest.mark.parametrize("value", [1e-8, "abc", float("nan"), float("inf"), "0.00000001", None])
-def test_seconds_refuses_what_is_no_whole_number_of_units(value):
+def test_seconds_rejects_fractions_of_a_unit(value):
     with pytest.raises(InputError, match="time"):
         seconds(value)
 
 
 @pytest.mark.parametrize("value", ["abc", None, 1e-5, float("nan"), float("inf")])
-def test_ms_refuses_likewise(value):
+def test_ms_rejects_fractions_of_a_unit(value):
     with pytest.raises(InputError, match="time"):
         ms(value)
 
@@ -63,12 +63,12 @@ def test_ms_refuses_likewise(value):
         ("-1 ms", -10_000),
     ],
 )
-def test_parse(text, units):
+def test_parse_time_reads_texts_with_units(text, units):
     assert parse_time(text) == units
 
 
 @pytest.mark.parametrize("text", ["", "ms", "20 mi", "1..2 s", "1 2 s", "50 ns", "e", "--1", "1e99999999 s", "20 m s"])
-def test_parse_refuses_with_the_text(text):
+def test_parse_time_rejects_invalid_text(text):
     with pytest.raises(InputError, match="time"):
         parse_time(text)
 
@@ -84,12 +84,12 @@ def test_parse_refuses_with_the_text(text):
         (15_000_000, "1500 ms"),
     ],
 )
-def test_show(units, text):
+def test_format_time_writes_texts_with_units(units, text):
     assert format_time(units) == text
 
 
 @given(st.integers(-(2**62), 2**62))
-def test_parse_reads_what_show_writes(units):
+def test_parse_time_inverts_format_time(units):
     assert parse_time(format_time(units)) == units
 
 
@@ -102,8 +102,8 @@ PERIODS = st.lists(st.integers(1, 3_000), min_size=0, max_size=5)
 
 
 @given(PERIODS, st.integers(1, 9_000), st.integers(1, 4_000))
-def test_timetable_invariants(periods, duration, max_step):
-    """Against a set of plain integers: every due instant, and nothing else but what max_step asks for."""
+def test_timetable_holds_every_due_instant(periods, duration, max_step):
+    """Against a set of plain integers: every due instant, and otherwise only instants that max_step requires."""
     table = timetable(periods, duration, max_step)
     t, h = table.t.tolist(), table.h.tolist()
     due = sorted({0} | {i for p in periods for i in range(0, duration, p)})
@@ -128,18 +128,18 @@ def test_timetable_splits_gaps_evenly(periods, duration, max_step):
 
 
 @given(PERIODS, st.integers(1, 9_000), st.integers(1, 4_000))
-def test_always_holds_exactly_the_periods_due_at_each_instant(periods, duration, max_step):
+def test_always_lists_the_periods_due_at_every_instant(periods, duration, max_step):
     table = timetable(periods, duration, max_step)
     assert table.always == {p for p in periods if all(t % p == 0 for t in table.t.tolist())}
 
 
-def test_half_open_duration_is_not_an_instant():
+def test_timetable_excludes_the_end_of_the_duration():
     table = timetable([ms(10)], ms(30), ms(10))
     assert table.t.tolist() == [0, ms(10), ms(20)]
     assert table.h.tolist() == [ms(10)] * 3
 
 
-def test_clock_is_a_python_true_only_where_certain():
+def test_due_is_python_true_only_for_always_due_periods():
     clock = Instant(np.int64(20), frozenset({10}))
     assert clock.due(10) is True
     assert bool(clock.due(20))

@@ -32,7 +32,7 @@ DEG = math.pi / 180
         ("lbf", "N", 4.4482216152605),
     ],
 )
-def test_units(unit, si, size):
+def test_find_unit_gives_si_unit_and_scale(unit, si, size):
     found = find_unit("here", unit)
     assert found.name == si
     assert found.scale == pytest.approx(size, rel=1e-12)
@@ -52,24 +52,24 @@ def test_units(unit, si, size):
         ("", "N", None),
     ],
 )
-def test_a_unit_of_what_is_measured(unit, kept, size):
-    """A gram where a mass is asked for; a fan's speed stays in rpm; no unit is none of a force."""
+def test_find_size_converts_to_the_kept_unit(unit, kept, size):
+    """Grams are accepted for a mass; a fan's speed stays in rpm; None where the unit is not of that quantity."""
     assert find_size(unit, kept) == (None if size is None else pytest.approx(size, rel=1e-12))
 
 
-def test_each_quantity_is_kept_in_a_unit_of_its_own_list():
+def test_every_kept_unit_has_scale_one():
     assert {kept: sizes.get(kept) for kept, sizes in UNITS.items()} == dict.fromkeys(UNITS, 1.0)
 
 
 @pytest.mark.parametrize(
     ("text", "said"), [("furlong", "unknown unit(.|\n)*Choices: 1, %"), ("1e- m", "does not begin with a number")]
 )
-def test_an_unknown_unit_is_refused(text, said):
+def test_rejects_unknown_unit(text, said):
     with pytest.raises(InputError, match=said):
         find_unit("here", text)
 
 
-def test_the_nearest_unit_is_offered():
+def test_unknown_unit_error_suggests_the_nearest():
     with pytest.raises(InputError, match='Fix: unit = "rad/s"'):
         find_unit("here", "rads/s")
 
@@ -77,13 +77,13 @@ def test_the_nearest_unit_is_offered():
 @pytest.mark.parametrize(
     ("unit", "fix"), [("metre", '"m"'), ("Metres/s", '"m/s"'), ("kg/second^2", '"kg/s^2"'), ("N metres", '"N m"')]
 )
-def test_a_unit_that_is_spelled_out_is_refused_where_it_is_declared(unit, fix):
+def test_rejects_spelled_out_unit_in_a_declaration(unit, fix):
     with pytest.raises(InputError, match="spelled out") as refused:
         quantity(unit, "Of a vehicle.")
     assert fix in refused.value.fix
 
 
-def test_symbols_are_not_taken_for_names():
+def test_accepts_unit_symbols_in_declarations():
     for unit in [
         *(u for sizes in UNITS.values() for u in sizes),
         *NAMES.values(),
@@ -97,12 +97,12 @@ def test_symbols_are_not_taken_for_names():
 @pytest.mark.parametrize(
     ("unit", "kept"), [("deg", "rad"), ("deg/s", "rad/s"), ("km/h", "m/s"), ("lb", "kg"), ("ms", "s")]
 )
-def test_refuses_a_declared_unit_that_is_not_kept(unit, kept):
+def test_rejects_declared_unit_that_is_not_kept(unit, kept):
     with pytest.raises(InputError, match=f"must be {kept}, in which the value is stored, got {unit}") as refused:
         quantity(unit, "Course.", default=90.0)
     assert f'quantity("{kept}"' in refused.value.fix
 
 
 @pytest.mark.parametrize("unit", ["rad", "rpm", "ft/s", "N m/rad", "1"])
-def test_accepts_the_units_of_a_publication(unit):
+def test_accepts_units_of_a_publication(unit):
     check_kept(unit)

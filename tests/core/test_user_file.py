@@ -7,7 +7,7 @@ import pytest
 from trimtab.core.user_file import open_user_file, read_user_bytes, read_user_text
 
 
-def test_a_plain_file_is_read_with_any_kind_of_line_end(tmp_path):
+def test_reads_plain_file_with_any_line_ending(tmp_path):
     (tmp_path / "a.txt").write_bytes("1\r\n2\r3\nµ".encode())
     assert read_user_text(tmp_path / "a.txt") == "1\n2\n3\nµ"
     assert read_user_bytes(tmp_path / "a.txt").startswith(b"1\r\n")
@@ -16,19 +16,19 @@ def test_a_plain_file_is_read_with_any_kind_of_line_end(tmp_path):
         assert file.read(1) == b"1"
 
 
-def test_a_pipe_without_a_writer_does_not_hang(tmp_path):
+def test_rejects_pipe_without_waiting(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match="not a plain file"):
         read_user_text(tmp_path / "pipe")
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no /dev/zero here")
-def test_a_device_does_not_fill_the_memory():
+def test_rejects_device_without_reading_it():
     with pytest.raises(OSError, match="not a plain file"):
         read_user_bytes("/dev/zero")
 
 
-def test_a_folder_and_a_file_that_is_too_large_are_refused(tmp_path):
+def test_rejects_folder_and_oversized_file(tmp_path):
     with pytest.raises(IsADirectoryError):
         read_user_text(tmp_path)
     with (tmp_path / "large").open("wb") as file:

@@ -19,7 +19,7 @@ def integrators(n: int):
 
 
 def left_side(A, B, K, P, Qe, Re):
-    """Of (14), written out."""
+    """Left side of (14), written out."""
     closed = A + B @ K
     return P @ closed + closed.T @ P + P @ B @ np.linalg.inv(Re) @ B.T @ P + Qe
 

@@ -20,7 +20,7 @@ def names(brackets):
     return [b.name for b in brackets]
 
 
-def test_a_bracket_by_hand():
+def test_lie_bracket_matches_analytic_value():
     """Isidori 1995, section 1.2: [f, g] = (dg/dx) f - (df/dx) g."""
     whole = model(lambda x, u: jnp.stack([x[1] + u[0] * x[0] ** 2, x[0] * x[1] + u[0] * jnp.sin(x[1])]), "x y", "u")
     x, y = 0.7, -0.4
@@ -31,7 +31,7 @@ def test_a_bracket_by_hand():
     np.testing.assert_allclose(bracket_fields(f, g, 2)[1, 0], slope_by_x, rtol=1e-12)
 
 
-def test_the_linear_model_decides_where_it_is_controllable():
+def test_controllable_linear_model_implies_small_time_controllability():
     chain = model(lambda x, u: jnp.stack([x[1], x[2], u[0] + x[0] ** 2]), "x v a", "u")
     found = find_accessibility(chain)
     assert (found.is_linear, found.is_stlc, found.rank) == (True, True, 3)
@@ -40,7 +40,7 @@ def test_the_linear_model_decides_where_it_is_controllable():
 
 
 @pytest.mark.thorough
-def test_without_drift_the_rank_is_enough():
+def test_rank_suffices_for_driftless_systems():
     """The nonholonomic integrator and the unicycle: driftless, so that Chow's theorem holds."""
     for system in (
         model(lambda x, u: jnp.stack([u[0], u[1], x[0] * u[1] - x[1] * u[0]]), "x y z", "a b"),
@@ -52,14 +52,14 @@ def test_without_drift_the_rank_is_enough():
         assert found.basis[2].degree == 2
 
 
-def test_a_square_can_only_grow():
+def test_square_drift_is_accessible_but_not_stlc():
     """x' = u, y' = x^2: accessible, but y never falls (Sussmann 1987, section 1)."""
     found = find_accessibility(model(lambda x, u: jnp.stack([u[0], x[0] ** 2]), "x y", "u"))
     assert (found.is_accessible, found.is_stlc) == (True, False)
     assert names(found.obstructions) == ["[u, [f, u]]"]
 
 
-def test_a_cube_can_do_both():
+def test_cubic_drift_is_small_time_controllable():
     """x' = u, y' = x^3 is controllable in small time: the bracket that is needed is good (Sussmann 1987)."""
     found = find_accessibility(model(lambda x, u: jnp.stack([u[0], x[0] ** 3]), "x y", "u"))
     assert (found.is_accessible, found.is_stlc) == (True, True)
@@ -67,13 +67,13 @@ def test_a_cube_can_do_both():
 
 
 @pytest.mark.thorough
-def test_a_state_that_nothing_moves():
+def test_uncontrolled_state_makes_system_inaccessible():
     found = find_accessibility(model(lambda x, u: jnp.stack([u[0], -x[1]]), "x y", "u"))
     assert (found.is_accessible, found.rank, found.is_stlc) == (False, 1, False)
 
 
 @pytest.mark.thorough
-def test_the_hovercraft_needs_brackets_of_degree_four():
+def test_hovercraft_needs_brackets_of_degree_four():
     """Lewis and Murray 1997 (planar body): sideways by [FY, [f, FX]] = -d/(m J) e_v; the bad bracket is along surge."""
     found = find_accessibility(hovercraft())
     assert (found.rank, found.is_accessible, found.is_stlc, found.is_linear) == (6, True, True, False)
@@ -88,7 +88,7 @@ def test_the_hovercraft_needs_brackets_of_degree_four():
 
 
 @pytest.mark.thorough
-def test_without_surge_force_the_bad_bracket_stays_bad():
+def test_hovercraft_without_surge_force_is_not_stlc():
     whole = hovercraft()
     turned = model(lambda x, u: whole.f(x, jnp.stack([0.0, u[0]])), " ".join(whole.states), "FY")
     found = find_accessibility(turned)
@@ -96,11 +96,11 @@ def test_without_surge_force_the_bad_bracket_stays_bad():
     assert "[FY, [f, FY]]" in names(found.obstructions)
 
 
-def test_an_input_that_bends_is_told():
+def test_reports_input_that_is_not_affine():
     found = find_accessibility(model(lambda x, u: jnp.stack([u[0] + u[0] ** 2, x[0] ** 3]), "x y", "u"))
     assert found.curved == ("u",)
 
 
-def test_a_point_that_moves_is_refused():
+def test_rejects_point_that_is_not_an_equilibrium():
     with pytest.raises(InputError, match="y would change"):
         find_accessibility(model(lambda x, u: jnp.stack([u[0], 1.0 + x[0]]), "x y", "u"))

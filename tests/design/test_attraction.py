@@ -32,7 +32,7 @@ def numbers(p, **at):
     return sum(float(c) * np.prod([at[n] ** q for n, q in m] or [1.0], axis=0) for m, c in p.terms.items())
 
 
-def test_a_line_whose_region_is_known():
+def test_scalar_region_matches_known_interval():
     """x' = -x + x^3 rests from |x| < 1, and from nowhere else: the level reaches 1, to the margins."""
     t = theorem({"x": -x + x**3})
     region = find_region(t, tries=10)
@@ -41,7 +41,7 @@ def test_a_line_whose_region_is_known():
 
 
 @pytest.mark.thorough
-def test_van_der_pol_backwards():
+def test_reversed_van_der_pol_region_lies_inside_limit_cycle():
     """The limit cycle bounds the true region; Khalil, example 8.9, has a smaller one by hand (V <= 2.25)."""
     t = theorem({"x": -y, "y": x - y + x**2 * y})
     region = find_region(t, tries=60)
@@ -63,7 +63,7 @@ def test_van_der_pol_backwards():
     assert 0.45 < area / true < 1.0
 
 
-def test_about_another_point():
+def test_region_about_a_nonzero_equilibrium():
     e = x - 3
     t = theorem({"x": -e + e**2}, x=3)
     region = find_region(t, tries=10)
@@ -71,7 +71,7 @@ def test_about_another_point():
     assert 0.98 < region.extents["x"] < 1
 
 
-def test_more_than_is_true_is_not_proved():
+def test_too_large_region_is_not_proved():
     t = theorem({"x": -x + x**3})
     region = find_region(t, tries=10)
     assert not prove(t, region._replace(level=region.level * 2)).holds
@@ -81,6 +81,6 @@ def test_more_than_is_true_is_not_proved():
     ("field", "why"),
     [({"x": x}, "not stable"), ({"x": -symbol("k") * x}, "parameters have no value: k"), ({"x": -x + x**5}, "powers")],
 )
-def test_what_has_no_region_is_refused(field, why):
+def test_rejects_system_without_region_of_attraction(field, why):
     with pytest.raises(InputError, match=why):
         find_region(theorem(field))

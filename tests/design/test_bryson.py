@@ -18,7 +18,7 @@ def cart():
     return linearise(model_of_functions(lambda x, u: A @ x + B @ u, ("x", "v"), ("F",)))
 
 
-def test_the_gain_is_that_of_the_weights_and_is_proved(cart):
+def test_gain_matches_riccati_solution_and_is_proved(cart):
     system = weigh_by_limits("cart", cart, {"x": 0.5, "v": 2.0, "F": 4.0})
     certificate = design_certificate(system)
     Q, R = np.diag([1 / 0.5**2, 1 / 2.0**2]), np.array([[1 / 4.0**2]])
@@ -28,7 +28,7 @@ def test_the_gain_is_that_of_the_weights_and_is_proved(cart):
     assert not prove_certificate(certificate._replace(K=-certificate.K), system).holds
 
 
-def test_an_integral_is_a_state_more(cart):
+def test_integral_action_adds_a_state(cart):
     system = weigh_by_limits("cart", cart, {"x": 0.5, "v": 2.0, "F": 4.0}, {"x": 0.2})
     assert system.states == ("x", "v", f"{INTEGRAL}x")
     assert (np.linalg.eigvals(system.A + system.B @ design_certificate(system).K).real < 0).all()
@@ -36,7 +36,7 @@ def test_an_integral_is_a_state_more(cart):
     np.testing.assert_array_equal(system.A[2], [1, 0, 0])
 
 
-def test_refusals(cart):
+def test_rejects_missing_zero_and_unknown_limits(cart):
     for limits, words in (
         ({"x": 1.0}, "no limit is given for F, v"),
         ({"x": 0.0, "v": 1.0, "F": 1.0}, "above 0"),
@@ -46,6 +46,6 @@ def test_refusals(cart):
             weigh_by_limits("cart", cart, limits)
 
 
-def test_what_nothing_depends_on_is_fed_back_where_it_is_named(cart):
+def test_unused_state_is_fed_back_only_if_named(cart):
     assert fed_back_states(cart, {"x"}, ()) == ("v",)
     assert fed_back_states(cart, {"x"}, ("x",)) == ("x", "v")

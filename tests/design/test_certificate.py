@@ -12,7 +12,7 @@ from trimtab.design.lqr import kalman_bucy, lqr
 
 @pytest.mark.parametrize("method", ["lqr", "lmi"])
 @pytest.mark.parametrize("observer", [True, False])
-def test_all_data_is_that_of_the_system(method, observer):
+def test_certificate_holds_all_data_of_the_system(method, observer):
     system = ball_system(method, observer)
     c = design_certificate(system)
     assert (c.system, c.about, c.method) == (system.name, system.about, method)
@@ -29,7 +29,7 @@ def test_all_data_is_that_of_the_system(method, observer):
         assert np.array_equal(c.estimated_indices(), [2, 3])
 
 
-def test_the_gain_is_the_regulator_s_and_the_filter_s():
+def test_gains_are_those_of_lqr_and_kalman_filter():
     system = ball_system()
     c = design_certificate(system)
     assert np.array_equal(c.K, lqr(system.A, system.B, system.Q, system.Re, scale=system.scale).K)
@@ -37,8 +37,8 @@ def test_the_gain_is_the_regulator_s_and_the_filter_s():
     assert np.array_equal(c.observer.L, kalman.L)
 
 
-def test_the_weight_is_above_what_every_condition_needs():
-    """By the definition: each of the four matrices is positive at the weight, and one of them no more at 0.98 of it."""
+def test_observer_weight_satisfies_every_condition():
+    """Each of the four matrices is positive definite at the weight; at 0.98 of the weight, at least one is not."""
     c = design_certificate(ball_system())
     f, o, weight = c.feedback_matrices(), c.observer_matrices(c.observer), c.observer.weight
 
@@ -53,12 +53,12 @@ def test_the_weight_is_above_what_every_condition_needs():
     assert weight >= ABOVE * c.observer.least_weight
 
 
-def test_a_method_of_no_name_is_refused():
+def test_rejects_unknown_method():
     with pytest.raises(InputError, match="'magic'"):
         design_certificate(ball_system()._replace(method="magic"))
 
 
-def test_a_gain_found_elsewhere_is_taken_as_it_is():
+def test_external_gain_is_kept_unchanged():
     system = ball_system(observer=False)
     gain = lqr(system.A, system.B, system.Q, system.Re)
     c = build_certificate(system, gain._replace(P=gain.P + np.triu(np.full((4, 4), 1e-9), 1)), None)

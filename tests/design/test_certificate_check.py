@@ -1,4 +1,4 @@
-"""Proofs of certificates: honest ones hold, and each condition is broken once, by itself where that can be."""
+"""Proofs of certificates: valid ones hold, and each condition is violated once, alone where possible."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def failing(certificate, system=SYSTEM, written=None):
 
 
 def own_system(c):
-    """The system as a certificate would have it: what a check that compares with the file itself would see."""
+    """The system that a certificate's data describe, as if the check compared the file with itself."""
     o = c.observer
     return SYSTEM._replace(A=c.A, B=c.B, Qe=c.Qe, Re=c.Re, Q=c.Q, C=o.C, Q_eta=o.Q, R=o.R)
 
@@ -31,7 +31,7 @@ def own_system(c):
 @pytest.mark.thorough("True-lmi", "False-lqr")
 @pytest.mark.parametrize("method", ["lqr", "lmi"])
 @pytest.mark.parametrize("observer", [True, False])
-def test_a_good_one_is_proved(method, observer):
+def test_valid_certificate_is_proved(method, observer):
     system = ball_system(method, observer)
     proof = prove_certificate(design_certificate(system), system)
     assert proof.holds, [c for c in proof.conditions if not c.holds]
@@ -54,13 +54,13 @@ def chain_system(n: int, m: int) -> CertifiedSystem:
 
 @pytest.mark.thorough("12-1", "13-4")
 @pytest.mark.parametrize(("n", "m"), [(12, 1), (13, 4), (13, 5)])
-def test_a_long_chain_of_integrators_is_proved(n, m):
+def test_long_integrator_chain_is_proved(n, m):
     """Terms of the Riccati equation are 1e5 times the weight; the equation is compared with the weight."""
     system = chain_system(n, m)
     assert not failing(design_certificate(system), system)
 
 
-def test_margins_are_below_the_true_ones(certificate):
+def test_proved_margin_is_below_the_true_margin(certificate):
     """P in units of its diagonal, by an eigenvalue."""
     d = 1 / np.sqrt(np.diag(certificate.P))
     number = next(c.number for c in prove_certificate(certificate, SYSTEM).conditions if c.name == "P > 0")
@@ -139,8 +139,8 @@ BROKEN = {
     "least weight lambda*, as recorded",
 )
 @pytest.mark.parametrize("line", BROKEN)
-def test_every_compared_line_is_broken_by_its_own_change(certificate, line):
-    """What is compared sees changes of 1e-8 of an entry, which leave every matrix as definite as it was."""
+def test_each_comparison_detects_its_own_change(certificate, line):
+    """Changes of 1e-8 of an entry leave every matrix definite, so that only the comparison detects them."""
     system = ball_system(kappa=1.0) if line == "kappa" else SYSTEM
     broken = failing(BROKEN[line](certificate), system)
     assert line in broken, sorted(broken)
@@ -174,8 +174,8 @@ PROVED = {
 
 
 @pytest.mark.parametrize("name", PROVED)
-def test_every_proved_line_is_broken_where_the_file_agrees_with_itself(certificate, name):
-    """The system is bent to the file, so that no comparison helps: the condition itself must fail, with its number."""
+def test_each_condition_fails_for_a_consistently_altered_file(certificate, name):
+    """The system is changed with the file, so that no comparison fails: the condition itself must, with its number."""
     change, why = PROVED[name]
     bad = change(certificate)
     broken = failing(bad, own_system(bad))
@@ -186,8 +186,8 @@ def test_every_proved_line_is_broken_where_the_file_agrees_with_itself(certifica
 
 
 @pytest.mark.parametrize("robust", [0.0, 0.5, -0.5])
-def test_each_gain_s_decrease_needs_its_own_weight(certificate, robust):
-    """A little below what one gain needs, V still falls with those that need less; each needs another."""
+def test_decrease_for_each_gain_needs_its_own_weight(certificate, robust):
+    """Each gain needs another weight: just below the weight of one gain, V still falls for gains that need less."""
     f, o = certificate.feedback_matrices(), certificate.observer_matrices(certificate.observer)
     needs = {name: composite.least_decrease_weight(f, o, r) for name, r in ROBUST.items()}
     values = sorted(needs.values())
@@ -199,8 +199,8 @@ def test_each_gain_s_decrease_needs_its_own_weight(certificate, robust):
         assert {n for n in broken if n.startswith("V falls")} == want
 
 
-def test_poles_are_compared_in_pairs():
-    """Each has a near one on the other side, either way; but one is there twice, and the other recorded twice."""
+def test_poles_are_matched_one_to_one():
+    """Every pole has a near one in the other list, but one is a double pole, and another is recorded twice."""
     now, recorded = np.array([-1.0, -1.0, -2.0]), np.array([-1.0, -2.0, -2.0])
     line = _poles_condition(now, recorded)
     assert not line.holds
@@ -208,15 +208,15 @@ def test_poles_are_compared_in_pairs():
     assert _poles_condition(now, np.array([-2.0, -1.0, -1.0])).holds
 
 
-def test_a_lyapunov_function_that_is_none_proves_nothing(certificate):
-    """P turned, and A + B K unstable: their product is definite all the same."""
+def test_indefinite_lyapunov_matrix_fails_the_proof(certificate):
+    """P negative definite and A + B K unstable: the Lyapunov inequality holds all the same."""
     bad = flip_gain(certificate)._replace(A=-certificate.A, P=-certificate.P)
     broken = failing(bad, own_system(bad))
     assert "not positive definite" in broken["A + B K Hurwitz"].why
 
 
-def test_no_line_hides_behind_another(certificate):
-    """Weights that cannot be inverted, a matrix that is not symmetric: every line is there, and says its own."""
+def test_singular_weight_hides_no_other_condition(certificate):
+    """With a singular weight or an asymmetric matrix, every condition is still listed with its own result."""
     names = [c.name for c in prove_certificate(certificate, SYSTEM).conditions]
     singular = prove_certificate(times(certificate, "Re", 0), SYSTEM).conditions
     assert [c.name for c in singular] == names
@@ -247,8 +247,8 @@ CHANGES += [(f, True) for f in ("A", "C", "Q", "R", "P", "L")]
     "L-True",
 )
 @pytest.mark.parametrize(("field", "inner"), CHANGES)
-def test_one_changed_entry_is_no_more_the_proof(certificate, field, inner):
-    """Each nonzero entry in turn by 1 %, each zero one by 1 % of the largest, and the system bent to it."""
+def test_every_changed_matrix_entry_fails_the_proof(certificate, field, inner):
+    """Each nonzero entry in turn by 1 %, each zero one by 1 % of the largest, also with the system changed alike."""
     whole = getattr(certificate.observer if inner else certificate, field)
     for i, j in np.ndindex(whole.shape):
         changed = whole.copy()
@@ -260,7 +260,7 @@ def test_one_changed_entry_is_no_more_the_proof(certificate, field, inner):
             assert any(np.isfinite(c.number) and c.number for c in broken.values()), (field, i, j)
 
 
-def test_the_observer_is_the_plant_s(certificate):
+def test_observer_output_matrix_must_match_the_plant(certificate):
     """C and L with the sign turned make the same A - L C, P and Riccati equation; the system's C does not turn."""
     o = certificate.observer
     assert set(failing(inside(certificate, C=-o.C, L=-o.L))) == {"C" + NAMED}
@@ -271,11 +271,11 @@ def test_the_observer_is_the_plant_s(certificate):
     assert "estimated states are those of ball and beam" in without
 
 
-def test_a_recorded_number_that_is_missing_fails(certificate):
+def test_missing_recorded_number_fails(certificate):
     assert set(failing(certificate._replace(recorded={}))) == {"kappa, as recorded"}
 
 
-def test_the_digest_is_of_all(certificate):
+def test_wrong_digest_fails(certificate):
     assert not failing(certificate, written=certificate_digest(certificate))
     assert set(failing(certificate, written="0" * 64)) == {"file unchanged since it was written"}
 
@@ -289,7 +289,7 @@ def test_extreme_numbers_fail_and_do_not_raise(certificate):
         assert failing(inside(certificate, R=np.array([[big]])))
 
 
-def test_each_pole_is_compared_in_its_own_size():
+def test_each_pole_is_compared_relative_to_its_size():
     """A slow pole beside a fast one counts as much as the fast one."""
     poles = np.array([-0.03, -0.05 + 1j, -0.05 - 1j, -5e5])
     assert _poles_condition(poles, poles).holds
@@ -300,6 +300,6 @@ def test_each_pole_is_compared_in_its_own_size():
 
 
 @pytest.mark.parametrize("version", ["99.0", "0.0", "0.1.0rc1"])
-def test_a_file_of_another_version_is_not_proved(certificate, version):
+def test_certificate_of_another_version_is_not_proved(certificate, version):
     other = certificate._replace(version=version)
     assert list(failing(other, written=certificate_digest(other))) == ["version is that of this package"]

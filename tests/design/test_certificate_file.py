@@ -1,4 +1,4 @@
-"""Certificates as files: no digit is lost, and what is no certificate is refused before anything is believed."""
+"""Certificates as files: no digit is lost, and invalid files are rejected."""
 
 import json
 
@@ -23,7 +23,7 @@ def certificate():
     return design_certificate(ball_system())
 
 
-def test_the_file_loses_no_digit(certificate, tmp_path):
+def test_json_round_trip_keeps_every_digit(certificate, tmp_path):
     file = tmp_path / "c.json"
     file.write_text(certificate_json(certificate), encoding="utf-8")
     back, written = read_certificate(file)
@@ -34,13 +34,13 @@ def test_the_file_loses_no_digit(certificate, tmp_path):
     assert max(len(line) for line in file.read_text().splitlines()) < 200
 
 
-def test_poles_that_are_all_real_are_read_as_they_were_written(certificate):
+def test_real_poles_survive_the_json_round_trip(certificate):
     real = certificate._replace(poles=sorted_poles(np.diag([-3.0, -1.0, -2.0, -4.0])))
     back, _ = parse_certificate(certificate_json(real), "c.json")
     assert np.array_equal(back.poles, [-1, -2, -3, -4])
 
 
-def test_a_tiny_change_is_seen_by_the_digest(certificate):
+def test_digest_detects_last_digit_change(certificate):
     content = json.loads(certificate_json(certificate))
     content["K"][0][0] = float(np.nextafter(content["K"][0][0], 1))
     back, written = parse_certificate(json.dumps(content), "c.json")
@@ -51,7 +51,7 @@ def test_a_tiny_change_is_seen_by_the_digest(certificate):
 REFUSED = {
     "no format": (lambda c: c.pop("format"), "is not a certificate; its format is None"),
     "another format": (lambda c: c.update(format="other"), "is not a certificate; its format is 'other'"),
-    "the format before": (lambda c: c.update(format="trimtab certificate 1"), "format is 'trimtab certificate 1'"),
+    "previous format": (lambda c: c.update(format="trimtab certificate 1"), "format is 'trimtab certificate 1'"),
     "no gain": (lambda c: c.pop("K"), "lacks 'K'"),
     "no digest": (lambda c: c.pop("digest"), "lacks 'digest'"),
     "no scope": (lambda c: c.pop("scope"), "lacks 'scope'"),
@@ -63,27 +63,27 @@ REFUSED = {
     "rows of unlike length": (lambda c: c["A"][1].pop(), "A"),
     "text for a matrix": (lambda c: c.update(A="x"), "A"),
     "text for a number": (lambda c: c["K"][0].__setitem__(0, "1.0"), "K: .*numbers of shape"),
-    "truth for a number": (lambda c: c["B"][0].__setitem__(0, False), "B: .*numbers of shape"),
+    "boolean for a number": (lambda c: c["B"][0].__setitem__(0, False), "B: .*numbers of shape"),
     "null for a number": (lambda c: c["observer"].update(weight=None), r"observer\.weight: .*numbers of shape"),
-    "a method of no name": (lambda c: c.update(method="magic"), "'magic'"),
-    "the other method": (lambda c: c.update(method="lmi"), "'lmi'"),
-    "states of no name": (lambda c: c["observer"].update(estimated=["nothing", "else"]), "nothing"),
-    "a state twice": (lambda c: c["states"].__setitem__(0, "theta"), "states"),
+    "unknown method": (lambda c: c.update(method="magic"), "'magic'"),
+    "method that does not fit the data": (lambda c: c.update(method="lmi"), "'lmi'"),
+    "unknown states": (lambda c: c["observer"].update(estimated=["nothing", "else"]), "nothing"),
+    "duplicate state": (lambda c: c["states"].__setitem__(0, "theta"), "states"),
     "numbers for names": (lambda c: c["inputs"].__setitem__(0, 1), "inputs"),
     "a size below zero": (lambda c: c["scale"].__setitem__(0, -1.0), "scale"),
     "a number too large for floats": (lambda c: c["K"][0].__setitem__(0, 1e999), "not a number"),
-    "nothing of a number": (lambda c: c["P"][0].__setitem__(0, float("nan")), "not a number"),
-    "an entry beyond all systems": (lambda c: c["P"][0].__setitem__(0, 1e60), "larger than 1e[+]50"),
+    "NaN entry": (lambda c: c["P"][0].__setitem__(0, float("nan")), "not a number"),
+    "entry above 1e50": (lambda c: c["P"][0].__setitem__(0, 1e60), "larger than 1e[+]50"),
     "an integer beyond floats": (lambda c: c["P"][0].__setitem__(0, 10**400), "is not a (valid )?certificate"),
-    "a version of no form": (lambda c: c.update(version="best"), "must be a version such as 0.1.0, got 'best'"),
-    "settings of no kind": (lambda c: c["about"].update(beam_m=[1.0]), r"about\.beam_m"),
-    "a recorded number that is none": (lambda c: c["recorded"].update(kappa={"value": 0.1}), r"recorded\.kappa"),
+    "invalid version": (lambda c: c.update(version="best"), "must be a version such as 0.1.0, got 'best'"),
+    "setting that is a list": (lambda c: c["about"].update(beam_m=[1.0]), r"about\.beam_m"),
+    "recorded value that is a mapping": (lambda c: c["recorded"].update(kappa={"value": 0.1}), r"recorded\.kappa"),
     "a list for the settings": (lambda c: c.update(about=["h"]), "is not a (valid )?certificate"),
 }
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_is_no_certificate_is_refused(certificate, case):
+def test_rejects_invalid_certificate(certificate, case):
     change, words = REFUSED[case]
     content = json.loads(certificate_json(certificate))
     change(content)
@@ -92,12 +92,12 @@ def test_what_is_no_certificate_is_refused(certificate, case):
     assert "trimtab design" in str(refused.value) or refused.value.choices
 
 
-def test_the_format_before_says_what_to_type(certificate):
+def test_old_format_error_gives_the_command(certificate):
     with pytest.raises(InputError, match=r"trimtab design hypersonic --out old\.json  writes a new one"):
         parse_certificate('{"format": "trimtab certificate 1"}', "old.json")
 
 
-def test_keys_that_are_there_twice_are_refused(certificate):
+def test_rejects_duplicate_keys(certificate):
     text = certificate_json(certificate)
     for key in ("K", "system", "estimated"):
         double = text.replace(f'"{key}":', f'"{key}": [[0.0]],\n "{key}":', 1)
@@ -105,7 +105,7 @@ def test_keys_that_are_there_twice_are_refused(certificate):
             parse_certificate(double, "c.json")
 
 
-def test_files_that_cannot_be_read_are_refused(tmp_path):
+def test_rejects_unreadable_files(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_certificate(tmp_path / "none.json")
     (tmp_path / "binary").write_bytes(b"\xff\xfe\x00")

@@ -25,15 +25,15 @@ def broken(lines):
     return {c.name: c for c in evaluate_lines(lines).conditions if not c.holds}
 
 
-def test_the_block_of_the_estimated_states_is_the_plant_s():
+def test_estimated_state_matrix_is_a_block_of_the_plant():
     system = ball_system()
     assert np.array_equal(system.A_eta, [[0.0, 1.0], [0.0, 0.0]])
     assert np.array_equal(system._replace(estimated=("theta", "r'")).A_eta, [[0.0, 0.0], [system.A[1, 2], 0.0]])
 
 
 @pytest.mark.parametrize("at", list(np.ndindex(4, 4)))
-def test_every_entry_counts_by_itself(certificate, at):
-    """One that is a hundred millionth off, however small it is beside others; a zero by what its row is in size."""
+def test_comparison_detects_relative_change_of_each_entry(certificate, at):
+    """A relative error of 1e-8 is detected in every entry, however small the entry is beside the others."""
     system = ball_system()
     A = np.where(system.A == 0, 1e-3, system.A)  # each row's largest is 1 or 7; all matter
     there = certificate._replace(A=A)
@@ -43,7 +43,7 @@ def test_every_entry_counts_by_itself(certificate, at):
     assert "A is that of ball and beam" in broken(compare_with_system(there, system._replace(A=A)))
 
 
-def test_what_is_zero_up_to_rounding_may_be_another_rounding(certificate):
+def test_comparison_ignores_rounding_of_zero_entries(certificate):
     system = ball_system()
     for size, same in ((0.5e-9 * SMALL, True), (1e-7 * SMALL, False)):
         A = system.A.copy()
@@ -56,8 +56,8 @@ def test_what_is_zero_up_to_rounding_may_be_another_rounding(certificate):
     assert "A is that of ball and beam" in broken(compare_with_system(certificate._replace(A=A), system))
 
 
-def test_sizes_are_the_system_s_never_the_file_s(certificate):
-    """A plant that is another where a size of the file would hide it."""
+def test_comparison_scales_come_from_the_system(certificate):
+    """A different plant whose difference the scale in the file would hide."""
     system, scale = ball_system(), certificate.scale.copy()
     scale[1] = 1e-20
     A = system.A.copy()
@@ -67,7 +67,7 @@ def test_sizes_are_the_system_s_never_the_file_s(certificate):
     assert seen["A is that of ball and beam"].why.startswith("at r', theta: ")
 
 
-def test_other_shapes_and_nan_fail(certificate):
+def test_comparison_fails_for_wrong_shape_and_nan(certificate):
     system = ball_system()
     fewer = certificate._replace(A=certificate.A[:3, :3])
     assert (
@@ -81,7 +81,7 @@ def test_other_shapes_and_nan_fail(certificate):
 
 
 @pytest.mark.parametrize("value", [1.0, -1e-9, float("nan")])
-def test_limits_are_the_system_s(certificate, value):
+def test_number_outside_its_limits_fails(certificate, value):
     number = LimitedNumber(value, 0.0, 1.0, "by hand", 1e-9)
     assert not number.is_inside
     system = ball_system()._replace(numbers=lambda K: {"kappa": number})
@@ -92,7 +92,7 @@ def a_system(*, kind: str = "short", length: float = 1.0):
     return ball_system()._replace(about={"kind": kind, "length": length})
 
 
-def test_settings_are_those_of_the_function():
+def test_settings_are_read_from_the_function_signature():
     assert system_settings(a_system, {}, "x") == {"kind": "short", "length": 1.0}
     assert system_settings(a_system, {"length": "2.5", "kind": "long"}, "x") == {"kind": "long", "length": 2.5}
     assert system_settings(a_system, {"length": 3}, "x")["length"] == 3.0
@@ -110,6 +110,6 @@ def test_settings_are_those_of_the_function():
         ({"kind": 1.0}, "must be text, got 1.0"),
     ],
 )
-def test_settings_that_do_not_fit_are_refused(given, words):
+def test_rejects_invalid_settings(given, words):
     with pytest.raises(InputError, match=f"(?s){words}"):
         system_settings(a_system, given, "x")

@@ -31,13 +31,13 @@ def z(f, o, weight):
     return np.block([[QE, W @ E / 2], [E.T @ W / 2, weight * Pi]])
 
 
-def test_inequality_is_minus_the_left_side(pair):
+def test_inequality_matrix_is_minus_the_left_side(pair):
     f, _ = pair
     np.testing.assert_allclose(composite.inequality_matrix(f), -left_side(A, B, f.K, f.P, QE, RE), atol=1e-10)
     np.testing.assert_allclose(composite.inequality_matrix(f), 0.01 * QE, atol=1e-9)
 
 
-def test_least_weight_is_where_z_becomes_positive(pair):
+def test_least_weight_makes_z_positive_definite(pair):
     f, o = pair
     least = composite.least_weight(f, o)
     for factor, positive in ((1.001, True), (0.999, False)):
@@ -46,8 +46,8 @@ def test_least_weight_is_where_z_becomes_positive(pair):
 
 
 @pytest.mark.parametrize("robust", [0.0, 0.5, -0.5])
-def test_decrease_is_the_rate_of_the_lyapunov_function(pair, robust):
-    """Of V = e'P e/2 + weight e_eta'P_eta^-1 e_eta along the true loop, by differences along a step."""
+def test_decrease_matrix_matches_rate_of_lyapunov_function(pair, robust):
+    """Rate of V = e'P e/2 + weight e_eta'P_eta^-1 e_eta along the true loop, by finite differences."""
     f, o = pair
     weight, K = 3.0, f.K + robust * np.linalg.solve(RE, B.T @ f.P)
 
@@ -68,7 +68,7 @@ def test_decrease_is_the_rate_of_the_lyapunov_function(pair, robust):
         assert -point @ M @ point == pytest.approx(slope, rel=1e-6)
 
 
-def test_weight_of_the_decrease(pair):
+def test_least_decrease_weight_is_sharp(pair):
     f, o = pair
     for robust in (0.0, 0.5, -0.5):
         least = composite.least_decrease_weight(f, o, robust)
@@ -78,7 +78,7 @@ def test_weight_of_the_decrease(pair):
     assert composite.least_decrease_weight(f, o, 2.0) == np.inf  # destabilises: no weight helps
 
 
-def test_an_observer_that_does_not_settle_is_refused(pair):
+def test_rejects_unstable_observer(pair):
     f, o = pair
     with pytest.raises(InputError, match="must be positive definite"):
         composite.least_decrease_weight(f, o._replace(L=-o.L))

@@ -1,4 +1,4 @@
-"""Coordinates of a vehicle in space: what is steady is at rest, nothing is spurious, and deviations go as A says."""
+"""Trim and error coordinates of a vehicle in space: steady motion is at rest, no spurious poles, linear deviations."""
 
 import jax
 import jax.numpy as jnp
@@ -62,7 +62,7 @@ def steady_turn():
 
 
 @pytest.mark.thorough
-def test_a_steady_turn_is_at_rest_in_both():
+def test_steady_turn_is_an_equilibrium_in_error_coordinates():
     x, u = steady_turn()
     errors = error_model(Dart(), x, u)
     np.testing.assert_allclose(errors.f(errors.x0, errors.u0), 0, atol=1e-13)
@@ -74,7 +74,7 @@ def test_a_steady_turn_is_at_rest_in_both():
 
 
 @pytest.mark.thorough
-def test_thirteen_and_one_numbers_are_thirteen_states_and_no_pole_is_of_the_quaternion_s_length():
+def test_quaternion_length_adds_no_state_and_no_pole():
     x, u = steady_turn()
     linear = linearise(error_model(Dart(), x, u))
     assert len(linear.states) == 13
@@ -84,7 +84,7 @@ def test_thirteen_and_one_numbers_are_thirteen_states_and_no_pole_is_of_the_quat
 
 
 @pytest.mark.thorough
-def test_deviations_from_a_steady_turn_go_as_the_linear_model_says():
+def test_deviations_from_steady_turn_follow_the_linear_model():
     """The vehicle itself, with and without a small deviation, 2 s on: attitude, velocity and place in body axes."""
     x, u = steady_turn()
     linear = linearise(error_model(Dart(), x, u))
@@ -113,7 +113,7 @@ def test_deviations_from_a_steady_turn_go_as_the_linear_model_says():
 
 
 @pytest.mark.thorough
-def test_the_nutation_of_a_spinning_top():
+def test_spinning_top_nutates_at_euler_rate():
     """Torque-free and symmetrical: rates turn at (J3 - J1)/J1 times the spin in body axes. Source: Euler."""
 
     class Top:
@@ -126,7 +126,7 @@ def test_the_nutation_of_a_spinning_top():
     np.testing.assert_allclose(np.sort(linear.poles().imag), [-5, 5], rtol=1e-12)
 
 
-def test_a_point_goes_into_the_record_and_back():
+def test_state_record_round_trips_through_trim_coordinates():
     x, u = steady_turn()
     model = trim_model(Dart(), x, u)
     back = model.state(model.x0)
@@ -139,7 +139,7 @@ def test_a_point_goes_into_the_record_and_back():
     assert error_names(x, "no such") == ()
 
 
-def test_speed_and_angles_beside_the_states():
+def test_trim_model_outputs_speed_and_flight_angles():
     x, u = steady_turn()
     model = trim_model(Dart(), replace(x, v_W=np.array([3.0, 4.0, -5.0])), u)
     derived = dict(zip(model.outputs, np.asarray(model.h(model.x0, model.u0)), strict=True))
@@ -148,7 +148,7 @@ def test_speed_and_angles_beside_the_states():
     assert model.outputs[-4:] == DERIVED
 
 
-def test_a_vehicle_in_the_plane_keeps_its_states():
+def test_planar_vehicle_keeps_its_states():
     x, u = HovercraftState(surge_velocity=1.0, heading=0.3), PlanarForce(0.5, 0.1)
     plain = linearise(model_of_vehicle(Hovercraft(), x, u))
     for make in (trim_model, error_model):

@@ -41,13 +41,13 @@ def assumed(output):
 
 
 def matrices(text):
-    """What a file says that the matrices are, as floats."""
+    """The matrices of a file, as floats."""
     found = re.findall(r"\(\* (\w+), times 2\^(\d+) \*\)\nDefinition \w+ : list \(list Z\) := (.*?)%Z", text, re.DOTALL)
     rows = {name: eval(rows.replace(";", ","), {}) for name, _, rows in found}
     return {name: np.array([[v / 2 ** int(power) for v in row] for row in rows[name]]) for name, power, _ in found}
 
 
-def test_the_file_holds_the_floats_themselves(certificate):
+def test_coq_file_holds_exact_floats(certificate):
     written = matrices(coq_text(certificate))
     o = certificate.observer
     wanted = {n: getattr(certificate, n) for n in ("A", "B", "K", "P")} | {
@@ -63,7 +63,7 @@ def test_the_file_holds_the_floats_themselves(certificate):
 
 
 @pytest.mark.thorough
-def test_sums_are_of_like_powers():
+def test_summed_matrices_are_scaled_to_equal_powers():
     """A and B K are integers times different powers of two: each is raised to the greater."""
     text = coq_text(hypersonic.certificate())
     power = {name: int(p) for name, p in re.findall(r"\(\* (\w+), times 2\^(\d+) \*\)", text)}
@@ -75,14 +75,14 @@ def test_sums_are_of_like_powers():
     assert power["A"] != power["B"] + power["K"]
 
 
-def test_a_name_ends_no_comment(certificate):
+def test_system_name_cannot_end_a_comment(certificate):
     text = coq_text(certificate._replace(system='x *) Axiom a : False. (* "'))
     assert text.index("*)") > text.index("states")
 
 
 @pytest.mark.thorough
 @needs_coq
-def test_it_is_proved(certificate, tmp_path):
+def test_coqc_proves_valid_certificate(certificate, tmp_path):
     done = prove(coq_text(certificate), tmp_path)
     assert done.returncode == 0, done.stderr
     assert assumed(done.stdout) == AXIOMS
@@ -100,7 +100,7 @@ def test_it_is_proved(certificate, tmp_path):
         (lambda c: c._replace(observer=c.observer._replace(L=-c.observer.L)), "V_eta_falls"),
     ],
 )
-def test_what_is_not_so_is_not_proved(certificate, change, theorem, tmp_path):
+def test_coqc_rejects_false_theorem(certificate, change, theorem, tmp_path):
     text = coq_text(change(certificate))
     done = prove(text, tmp_path)
     assert done.returncode == 1
@@ -110,7 +110,7 @@ def test_what_is_not_so_is_not_proved(certificate, change, theorem, tmp_path):
 
 @pytest.mark.thorough
 @needs_coq
-def test_matrices_that_differ_by_rounding_are_told_apart(certificate, tmp_path):
+def test_coqc_distinguishes_matrices_that_differ_by_rounding(certificate, tmp_path):
     """A matrix of determinant 2^-52, and one of determinant 0, which no float tells from it."""
     text = coq_text(certificate).partition("(* A, times")[0]
     good = "Theorem t : positive_definite 2 [[2 ^ 52; 2 ^ 52]; [2 ^ 52; 2 ^ 52 + 1]]."
@@ -121,7 +121,7 @@ def test_matrices_that_differ_by_rounding_are_told_apart(certificate, tmp_path):
 
 @needs_coq
 @pytest.mark.thorough
-def test_the_shipped_vehicle_s_certificate_is_proved(tmp_path):
+def test_coqc_proves_exported_hypersonic_certificate(tmp_path):
     """Through the command line, from the file: nine states, integers of thousands of bits; 20 s."""
     made, theorem = tmp_path / "gain.json", tmp_path / "certificate.v"
     assert CliRunner().invoke(main, ["design", "hypersonic", "--out", str(made)]).exit_code == 0

@@ -57,13 +57,13 @@ def with_output(h):
     "hypot", "dead zone", "least of two", "beside a large value", "in a loop", "in a condition", "table"
 )
 @pytest.mark.parametrize("name", CORNERS)
-def test_corners_are_refused(name):
+def test_linearise_rejects_corners(name):
     with pytest.raises(InputError, match=r"y has no slope at this point: its slope by \w is .* before and .* after"):
         linearise(with_output(CORNERS[name]))
 
 
 @pytest.mark.parametrize("name", JUMPS)
-def test_jumps_are_refused(name):
+def test_linearise_rejects_jumps(name):
     with pytest.raises(InputError, match=r"y has no slope at this point: its value is .* before, .* at and .* after"):
         linearise(with_output(JUMPS[name]))
 
@@ -72,7 +72,7 @@ def test_jumps_are_refused(name):
     "square", "constant", "rounding", "inside a saturation", "rounded corner", "small beside a large value"
 )
 @pytest.mark.parametrize("name", SMOOTH)
-def test_slopes_of_smooth_outputs_are_accepted(name):
+def test_linearise_accepts_smooth_outputs(name):
     h, slope = SMOOTH[name]
     np.testing.assert_allclose(linearise(with_output(h)).C, [slope], rtol=1e-9, atol=1e-12)
 
@@ -87,7 +87,7 @@ def test_one_sided_slopes_are_reported():
     assert jump.reason == "its value is -1 before, 0 at and 1 after the point along x"
 
 
-def test_a_derivative_with_a_corner_has_no_output_to_leave_out():
+def test_corner_in_a_derivative_suggests_no_other_output():
     model = model_of_functions(lambda x, u: jnp.stack([x[1], u[0] - jnp.abs(x[1])]), ("x", "v"), ("u",))
     with pytest.raises(InputError, match=r"v' has no slope") as caught:
         linearise(model)

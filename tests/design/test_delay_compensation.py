@@ -1,4 +1,4 @@
-"""Predictive feedback: poles that the delay does not move, a simulation with the delay itself, and what errors do."""
+"""Predictive feedback: poles, a simulation with the delay itself, and the effect of errors of the assumed delay."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def forward_lateral():
 
 @pytest.mark.thorough("0.005", "0.05", "0.06", "0.333")
 @pytest.mark.parametrize("delay", [0.0, 0.005, 0.02, 0.05, 0.06, 0.1 + 1e-12, 0.333, 1.0])
-def test_the_delay_does_not_move_the_poles(delay):
+def test_compensated_delay_does_not_move_the_poles(delay):
     K = gain()
     feedback = compensate_delay(A, B, K, delay, PERIOD)
     held = np.hstack([expm(A * PERIOD), quad_vec(lambda s: expm(A * s) @ B, 0, PERIOD)[0]])
@@ -40,7 +40,7 @@ def test_the_delay_does_not_move_the_poles(delay):
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.013, 0.2, 0.29])
-def test_the_prediction_arrives(delay):
+def test_predicted_state_matches_delayed_simulation(delay):
     """Flown with the delay itself, in small steps: the plant's state at now + delay is what was predicted now."""
     K, step = gain(), 1e-3
     feedback = compensate_delay(A, B, K, delay, PERIOD)
@@ -63,7 +63,7 @@ def test_the_prediction_arrives(delay):
     assert sum(at < len(states) for at, _ in predicted) > 50
 
 
-def test_without_it_the_delay_is_too_long():
+def test_long_delay_is_unstable_without_compensation():
     """Forward, sway and yaw: 191 ms are the margin of the law as it is (continuous; the hold takes half a period)."""
     plant, inputs, K = forward_lateral()
     plain = plain_feedback(plant, inputs, K, 1e-3)
@@ -74,8 +74,8 @@ def test_without_it_the_delay_is_too_long():
         assert np.abs(plain_feedback(plant, inputs, K, 0.02).poles(delay)).max() > 1
 
 
-def test_it_has_a_margin_of_its_own():
-    """Right where the delay is believed, and lost where it is far from that."""
+def test_compensated_loop_tolerates_small_delay_error():
+    """Stable near the assumed delay, and unstable far from it."""
     plant, inputs, K = forward_lateral()
     late = compensate_delay(plant, inputs, K, 0.4, 0.02)
     sizes = {d: np.abs(late.poles(d)).max() for d in (0.0, 0.35, 0.38, 0.4, 0.42, 0.45, 1.2)}
@@ -84,7 +84,7 @@ def test_it_has_a_margin_of_its_own():
     assert sizes[0.4] < sizes[0.42] or sizes[0.4] < sizes[0.38]
 
 
-def test_no_delay_is_the_feedback_itself():
+def test_zero_delay_gives_plain_feedback():
     K = gain()
     plain = plain_feedback(A, B, K, PERIOD)
     assert plain.input_gains.shape == (0, 2, 2)
@@ -97,6 +97,6 @@ def test_no_delay_is_the_feedback_itself():
     [({"K": np.zeros((3, 2))}, "don't fit"), ({"delay": -0.1}, "at least 0 s"), ({"period": 0.0}, "above 0"),
      ({"delay": float("nan")}, "at least 0 s"), ({"A": np.eye(2)}, "don't fit")],
 )  # fmt: skip
-def test_what_does_not_fit_is_refused(change, why):
+def test_rejects_invalid_arguments(change, why):
     with pytest.raises(InputError, match=why):
         compensate_delay(**({"A": A, "B": B, "K": gain(), "delay": 0.1, "period": PERIOD} | change))

@@ -9,7 +9,7 @@ H = 2.7048
 SQUARE = np.array([[1.5, 1.5, -H], [1.5, -1.5, -H], [-1.5, -1.5, -H], [-1.5, 1.5, -H]])
 
 
-def test_under_the_middle_of_a_square():
+def test_dilution_below_square_centre_matches_analytic_value():
     """Each axis has 1/(2 sin) with the sine of 1.5 m in a range of 3.437 m."""
     found = dilution_map(SQUARE, [0.0], [0.0])
     s = 1.5 / np.sqrt(2 * 1.5**2 + H**2)
@@ -21,7 +21,7 @@ def test_under_the_middle_of_a_square():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("common_error", [False, True])
-def test_against_the_spread_of_fixes(common_error):
+def test_dilution_matches_spread_of_noisy_fixes(common_error):
     """Fixes from noisy ranges spread by dilution times noise, at a place off the middle."""
     place, noise, n = np.array([0.4, -0.2]), 0.004, 800
     exact = np.linalg.norm(SQUARE - [*place, 0], axis=1)
@@ -39,7 +39,7 @@ def test_against_the_spread_of_fixes(common_error):
     assert spread == pytest.approx(noise * float(expected), rel=0.06)
 
 
-def test_outside_the_cones_and_in_a_row_there_is_no_fix():
+def test_dilution_is_infinite_without_a_unique_fix():
     found = dilution_map(SQUARE, [0.0, 1.5, 9.0], [0.0, 1.5])
     np.testing.assert_array_equal(found.visible, [[4, 2], [2, 1], [0, 0]])
     assert np.isfinite(found.dilution[0, 0])
@@ -53,7 +53,7 @@ def test_outside_the_cones_and_in_a_row_there_is_no_fix():
 
 
 @pytest.mark.parametrize("common_error", [False, True])
-def test_what_is_not_visible_says_nothing_of_the_common_error_either(common_error):
+def test_invisible_beacons_are_left_out_of_dilution(common_error):
     """Four of six rates, by textbook: (H'H)^-1 of those there are."""
     directions, visible = np.random.default_rng(2).uniform(-0.7, 0.7, (6, 2)), np.array([1, 0, 1, 1, 0, 1], bool)
     H = np.column_stack([directions[visible], np.ones(4)]) if common_error else directions[visible]
@@ -61,7 +61,7 @@ def test_what_is_not_visible_says_nothing_of_the_common_error_either(common_erro
     assert float(dilution(directions, visible, common_error=common_error)) == pytest.approx(wanted, rel=1e-12)
 
 
-def test_more_beacons_never_dilute_more():
+def test_more_beacons_never_increase_dilution():
     rng = np.random.default_rng(1)
     directions = rng.uniform(-0.7, 0.7, (500, 6, 2))
     few = np.arange(6) < 4

@@ -39,7 +39,7 @@ def follow(curvatures, lengths):
     return np.stack([x, y, h], axis=-1)
 
 
-def test_lengths_that_are_known():
+def test_shortest_path_matches_known_lengths():
     """Straight on; half a circle; turned round on the spot by arcs of 60, 300 and 60 degrees."""
     assert float(shortest_path(HOME, (5, 0, 0), 1.0).length) == pytest.approx(5.0)
     half = shortest_path(HOME, (0, 3, np.pi), 1.5)
@@ -52,7 +52,7 @@ def test_lengths_that_are_known():
 
 @pytest.mark.parametrize("turn", [0.0, 0.5, -0.5, 2.9, -3.0])
 @pytest.mark.parametrize("heading", [0.3, -2.0, 4.4])
-def test_a_goal_on_the_first_circle_is_one_arc_away(turn, heading):
+def test_goal_on_the_turning_circle_takes_one_arc(turn, heading):
     """Where rounding would make a full turn of none, and no line has a direction."""
     start, side = np.array([1.0, 2.0, heading]), 0.7 * np.sign(turn)
 
@@ -63,7 +63,7 @@ def test_a_goal_on_the_first_circle_is_one_arc_away(turn, heading):
     assert float(shortest_path(start, goal, 0.7).length) == pytest.approx(0.7 * abs(turn), abs=1e-8)
 
 
-def test_a_goal_straight_ahead_needs_no_full_turn():
+def test_goal_straight_ahead_needs_no_full_turn():
     """Where the direction of the line differs from the heading by rounding, to either side."""
     rng = np.random.default_rng(2)
     for north, east, heading, way in rng.uniform([-3, -3, -4, 1], [3, 3, 4, 6], (300, 4)):
@@ -86,7 +86,7 @@ def test_every_word_leads_to_the_goal(goal):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("goal", [NEAR[0], FAR[0], *NEAR[1:6], *FAR[1:3]])
-def test_brute_force_over_words_finds_none_shorter(goal):
+def test_brute_force_over_words_finds_no_shorter_path(goal):
     """All lengths of each word's pieces that lead there, by Newton's method from everywhere: dumb, and no geometry."""
     grid = np.stack(np.meshgrid(*[np.linspace(0.1, 6.2, 9)] * 3), axis=-1).reshape(-1, 3)
     grid = np.concatenate([grid, grid * [1, 2, 1]])
@@ -117,7 +117,7 @@ def wrapped(error):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("goal", [NEAR[0], NEAR[3], FAR[1]])
-def test_an_optimiser_that_knows_no_words_finds_none_shorter(goal):
+def test_numerical_optimiser_finds_no_shorter_path(goal):
     """Six pieces of any length, each on any circle of radius 1 or more: SLSQP from two hundred starts."""
 
     def miss(v):
@@ -137,7 +137,7 @@ def test_an_optimiser_that_knows_no_words_finds_none_shorter(goal):
 
 
 @pytest.mark.parametrize("goal", NEAR[:4])
-def test_in_a_mirror_it_is_the_mirrored_path(goal):
+def test_mirrored_goal_gives_the_mirrored_path(goal):
     for word in WORDS:
         path = dubins_path(word, HOME, goal, 1.0)
         other = dubins_path(word.translate(MIRROR), HOME, goal * [1, -1, -1], 1.0)
@@ -148,7 +148,7 @@ def test_in_a_mirror_it_is_the_mirrored_path(goal):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("word", WORDS)
-def test_each_derivative_is_that_of_the_one_before(word):
+def test_path_derivatives_are_consistent(word):
     path = DubinsPath(1.0, -2.0, 0.4, 0.8, 1.7, np.array([TURNS[c] for c in word]), np.array([1.1, 2.3, 0.9]))
     names = ("place", "velocity", "acceleration", "jerk", "snap")
     for t in (0.2, 1.2, 2.3, 3.0):  # within each piece, and beyond the last
@@ -158,12 +158,12 @@ def test_each_derivative_is_that_of_the_one_before(word):
     assert np.hypot(*np.asarray(path.at(1.2).velocity)) == pytest.approx(1.7)
 
 
-def test_a_word_that_does_not_lead_there_gives_none():
+def test_infeasible_word_returns_none():
     assert dubins_path("LSR", HOME, (0, -1.0, 0), 1.0) is None  # the circles overlap
     assert dubins_path("RLR", HOME, (9, 0, 0), 1.0) is None  # they are too far apart
 
 
-def test_it_refuses_what_is_no_word_and_no_radius():
+def test_rejects_unknown_word_and_negative_radius():
     with pytest.raises(InputError, match="unknown sequence of pieces"):
         dubins_path("SSS", HOME, (1, 0, 0), 1.0)
     with pytest.raises(InputError, match="radius"):

@@ -19,14 +19,14 @@ def gram(n, seed=0):
     return L @ L.T
 
 
-def test_agrees_with_eigenvalues_where_these_are_sure():
+def test_definiteness_agrees_with_clear_eigenvalues():
     for seed in range(20):
         M = symmetric(5, seed) + 1.5 * np.eye(5)
         assert exact.prove_definite(M).holds == (np.linalg.eigvalsh(M)[0] > 0)
 
 
 @pytest.mark.parametrize("n", [3, 9, 13, 20])
-def test_tells_apart_what_differs_by_rounding(n):
+def test_distinguishes_matrices_that_differ_by_rounding(n):
     """L L' is positive of determinant 1; a last entry less by 1 + 1e-13 makes it indefinite, by 1 - 1e-13 not."""
     M = gram(n)
     assert exact.prove_definite(M).holds
@@ -40,7 +40,7 @@ def test_tells_apart_what_differs_by_rounding(n):
             assert proof.value == pytest.approx(float(1 - Fraction(off)), rel=1e-12, abs=1e-30)
 
 
-def test_rejects_what_is_indefinite_by_1e_13_relative():
+def test_rejects_matrix_indefinite_by_1e_13_relative():
     """Eigenvalues 1 and -1e-13: a rotation of floats, exactly symmetric."""
     c, s = 0.6, 0.8
     M = np.outer([c, s], [c, s]) - 1e-13 * np.outer([-s, c], [-s, c])
@@ -50,7 +50,7 @@ def test_rejects_what_is_indefinite_by_1e_13_relative():
 
 @pytest.mark.thorough("60")
 @pytest.mark.parametrize("n", [33, 47, 60])
-def test_nearly_singular_matrices_of_any_size_are_told_apart(n):
+def test_distinguishes_nearly_singular_matrices_of_any_size(n):
     """A Laplacian of integers, singular by construction: more by 2^-60 proves it, the same less makes it indefinite.
 
     Both are one and the same matrix for floats; a factorisation in floats that forgets its rounding takes the wrong
@@ -69,13 +69,13 @@ def test_nearly_singular_matrices_of_any_size_are_told_apart(n):
     assert exact.prove_definite(singular).value == 0.0
 
 
-def test_first_diagonal_entry_and_asymmetry():
+def test_reports_first_negative_pivot_and_rejects_asymmetry():
     assert exact.prove_definite(np.diag([1.0, -2.0, 3.0]))[2:] == (1, -2.0)
     with pytest.raises(ValueError, match="symmetric"):
         exact.prove_definite(np.array([[1.0, 2e-16], [0.0, 1.0]]))
 
 
-def test_sizes_far_apart_keep_sign_and_pivot():
+def test_badly_scaled_matrix_keeps_sign_and_pivot():
     """Scaling by powers of two inside changes neither; the pivot is in the matrix's own unit."""
     size = np.array([1e-150, 1.0, 1e150, 3.0, 1e-20])
     M = exact.as_fractions(gram(5)) * np.outer(exact.as_fractions(size), exact.as_fractions(size))
@@ -86,14 +86,14 @@ def test_sizes_far_apart_keep_sign_and_pivot():
     assert proof.value == pytest.approx(-1e-40, rel=1e-12)
 
 
-def test_integers_do_not_overflow():
+def test_large_integers_do_not_overflow():
     """NumPy's integers of 64 bits would: the determinant of each is 1."""
     L = np.array([[1, 0, 0], [3 * 10**8, 1, 0], [10**8, 7 * 10**8, 1]])
     assert exact.prove_definite(L @ L.T).holds
     assert not exact.prove_definite(L @ L.T - np.diag([0, 0, 1])).holds
 
 
-def test_inverse_and_rank():
+def test_exact_inverse_and_rank():
     M = exact.as_fractions(gram(4))
     assert (exact.exact_inverse(M) @ M == exact.as_fractions(np.eye(4))).all()
     with pytest.raises(ZeroDivisionError, match="no inverse"):

@@ -24,7 +24,7 @@ def linear():
     return linearise(model_of_functions(lambda x, u: A @ x + B @ u, ("x", "v"), ("F", "G"), **h))
 
 
-def test_to_control_and_back(linear):
+def test_round_trip_through_python_control(linear):
     system = to_control(linear)
     assert system.output_labels == ["place"]
     np.testing.assert_allclose(
@@ -37,7 +37,7 @@ def test_to_control_and_back(linear):
     np.testing.assert_array_equal(back.A, linear.A)
 
 
-def test_a_transfer_function_comes_in(linear):
+def test_imports_transfer_function_of_python_control(linear):
     s = control.tf("s")
     lead = 3 * (s + 1) / (s + 10)
     got = from_control(lead)
@@ -47,7 +47,7 @@ def test_a_transfer_function_comes_in(linear):
     assert from_control(control.ss([], [], [], [[2.0]])).D.item() == 2.0
 
 
-def test_scipy_goes_out_and_comes_in(linear):
+def test_exports_to_scipy_and_imports_from_it(linear):
     system = to_scipy(linear)
     np.testing.assert_array_equal(system.A, linear.A)
     A, B, C, D, dt = system_matrices(scipy.signal.TransferFunction([1, 2], [1, 3, 4], dt=0.1))
@@ -56,7 +56,7 @@ def test_scipy_goes_out_and_comes_in(linear):
     np.testing.assert_allclose(response(A, B, C, D, z)[:, 0, 0], (z + 2) / (z**2 + 3 * z + 4), rtol=1e-10)
 
 
-def test_tustin_s_rule_keeps_the_response_at_the_warped_frequency():
+def test_tustin_keeps_the_response_at_warped_frequency():
     s = control.tf("s")
     A, B, C, D = discrete_matrices(control.ss(3 * (s + 1) / (s + 10)), 0.02)
     warped = 1j * np.tan(W * 0.01) / 0.01
@@ -65,7 +65,7 @@ def test_tustin_s_rule_keeps_the_response_at_the_warped_frequency():
     )
 
 
-def test_refusals():
+def test_rejects_sampled_foreign_and_mismatched_systems():
     with pytest.raises(InputError, match="sampled"):
         from_control(control.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], 0.1))
     with pytest.raises(InputError, match="is not a system"):

@@ -15,19 +15,19 @@ def linear(A, B, C, states):
     return linearise(model_of_functions(lambda x, u: A @ x + B @ u, states, ("u",), h=lambda x, u: C @ x))
 
 
-def test_a_stable_one_over_a_long_time_solves_lyapunov():
+def test_long_horizon_gramian_solves_lyapunov_equation():
     A = np.array([[-1.0, 3.0, 0], [-2, -0.7, 1], [0, 0.5, -4]])
     B = np.array([[1.0], [0.3], [-2]])
     np.testing.assert_allclose(integrate_gramian(A, B, 60.0), solve_continuous_lyapunov(A, -B @ B.T), rtol=1e-10)
 
 
-def test_a_double_integrator_by_hand():
+def test_double_integrator_gramian_matches_analytic_value():
     T = 3.0
     W = integrate_gramian(np.array([[0.0, 1], [0, 0]]), np.array([[0.0], [1]]), T)
     np.testing.assert_allclose(W, [[T**3 / 3, T**2 / 2], [T**2 / 2, T]], rtol=1e-12)
 
 
-def test_what_nothing_moves_or_sees_is_named():
+def test_reports_uncontrollable_and_unobservable_states():
     found = find_gramians(linear([[-1, 0], [0, -2]], [[1], [0]], [[0, 1]], ("moved", "seen")), 2.0)
     assert (found.hardly_moved.words, found.hardly_seen.words) == ("seen", "moved")
     assert found.hardly_moved.size == 0
@@ -35,6 +35,6 @@ def test_what_nothing_moves_or_sees_is_named():
     assert found.hardly_moved.size > 1e-3
 
 
-def test_a_time_that_is_none_is_refused():
+def test_rejects_zero_time():
     with pytest.raises(InputError, match="above 0"):
         find_gramians(linear([[-1]], [[1]], [[1]], ("a",)), 0.0)

@@ -48,7 +48,7 @@ def form(model, level):
     return normal_form(model, level.x, level.u, internal=INTERNAL, radius=RADIUS)
 
 
-def test_check_02_trim(model, level):
+def test_trim_matches_oracle(model, level):
     """Oracle, trim: to 1e-5 relative, residual below 1e-10."""
     x, u = model.state(level.x), model.input(level.u)
     got = [x.alpha / DEG, u.Phi, u.delta_e / DEG]
@@ -58,7 +58,7 @@ def test_check_02_trim(model, level):
 
 
 @pytest.mark.thorough
-def test_trim_is_the_same_in_all_readings_and_another_with_the_gravity_of_the_ground(level):
+def test_trim_depends_on_gravity_but_not_on_kmode(level):
     """Oracle, trim."""
     for kmode in ("paper", "author"):
         found = trim(model_of(kmode), free=FREE, bounds=BOUNDS).require_trim()
@@ -69,7 +69,7 @@ def test_trim_is_the_same_in_all_readings_and_another_with_the_gravity_of_the_gr
     )
 
 
-def test_a_trim_that_does_not_exist_says_why(model):
+def test_missing_trim_reports_the_reasons(model):
     """Too slow to fly level: the elevator ends at its bound, and lift is missing."""
     found = trim(model, x={"V": 3000.0}, free=FREE, bounds=BOUNDS)
     assert not found.is_found
@@ -79,7 +79,7 @@ def test_a_trim_that_does_not_exist_says_why(model):
 
 
 @pytest.mark.thorough
-def test_lie_derivatives(model, level):
+def test_lie_derivatives_match_published_equations(model, level):
     """[1] eqs. 4-8, off the trim, for the field expanded about the actual elevator: f = x'(u) - g u, g = dx'/du."""
     x = jnp.asarray(model.point({"theta": 0.05, "alpha": 0.03, "q": 0.01})[0])
     u = np.array([0.3, 0.2])
@@ -106,7 +106,7 @@ def test_lie_derivatives(model, level):
 
 
 @pytest.mark.thorough
-def test_relative_degree_and_decoupling(model, form):
+def test_relative_degree_and_decoupling_matrix(model, form):
     """[1] eqs. 4-8: degrees 2 and 1, dv/du and its determinant at the trim; what is not affine."""
     found = form.degree
     assert (found.degrees, found.total, found.is_defined) == ({"h": 2, "V": 1}, 3, True)
@@ -116,7 +116,7 @@ def test_relative_degree_and_decoupling(model, form):
 
 
 @pytest.mark.thorough
-def test_extended_by_the_elevator_it_is_affine(model, form):
+def test_extended_input_makes_the_model_affine(model, form):
     longer = extend_inputs(model, ("delta_e",))
     x, u = np.append(form.x0, form.u0[1]), np.array([form.u0[0], 0.0])
     assert curved_inputs(longer, x, u, radius={**RADIUS, "delta_e'": 0.1}) == {}
@@ -130,7 +130,7 @@ def test_extended_by_the_elevator_it_is_affine(model, form):
 
 
 @pytest.mark.thorough
-def test_check_04_exact_linearisation(form):
+def test_exact_linearisation_matches_oracle_rows(form):
     """[1] eqs. 4-8: A[4,:] = e_Q and B[4,:] = [-1/V, 0] to 1e-9; and the oracle's rows."""
     linear = linearise(form.model())
     assert linear.states == ("h", "h'", "V", *INTERNAL)
@@ -155,7 +155,7 @@ def test_check_04_exact_linearisation(form):
         ("author", 3.301, [-3.301, -0.400 + 20.076j, -0.330 + 16.461j], 1e-3),
     ],
 )
-def test_check_05_internal_dynamics(kmode, unstable, rest, digits, level):
+def test_internal_dynamics_have_one_unstable_pole(kmode, unstable, rest, digits, level):
     """[1] eqs. 4-8: exactly one pole on the right, 3.2894 +- 1e-3 (`parker`)."""
     found = zero_dynamics(model_of(kmode), level.x, level.u, internal=INTERNAL, radius=RADIUS)
     assert found.verdict == "non-minimum phase"
@@ -172,7 +172,7 @@ def test_check_05_internal_dynamics(kmode, unstable, rest, digits, level):
 
 
 @pytest.mark.thorough
-def test_check_06_inversion(form, model):
+def test_inversion_reaches_commanded_derivatives(form, model):
     """[1] eqs. 4-8: |(h'', V') - v| below 1e-9 over the grid, with the general inversion."""
     grid = [(h, V, a * DEG) for h in (80e3, 95e3) for V in (7e3, 9e3) for a in (0.0, 2.0, 4.0)]
     states = jnp.array([[h, V, a, a + 0.002, 0.0, 0, 0, 0, 0] for h, V, a in grid])
@@ -188,7 +188,7 @@ def test_check_06_inversion(form, model):
     assert np.abs(got).max() < 1e-9
 
 
-def test_open_loop_poles(model, level):
+def test_open_loop_poles_match_published_values(model, level):
     """[1] eqs. 4-8, u held."""
     poles = linearise(model, level.x, level.u).poles()
     want = [1.6957, -1.7658, -8.0e-4 + 0.0419j, 0.0, -0.3053 + 15.960j, -0.3455 + 18.393j]

@@ -21,7 +21,7 @@ from trimtab.vehicles.hovercraft import Hovercraft
 X = np.array([0.7, -0.2, 0.4, 1.3])
 
 
-def test_lie_derivatives_of_the_ball_and_beam():
+def test_ball_and_beam_lie_derivatives_match_publication():
     """Hauser, Sastry, Kokotovic 1992, eq. 3.1-3.3."""
     f, (g,) = affine_fields(ball_and_beam())
     r, rd, th, w = X
@@ -34,7 +34,7 @@ def test_lie_derivatives_of_the_ball_and_beam():
 
 @pytest.mark.thorough("x0", "x1")
 @pytest.mark.parametrize("x", [(0.0, 0.1, 0.2, 0.5), (0.5, 0.1, 0.2, 0.0), (0.0, 0.0, 0.0, 0.0)])
-def test_the_ball_and_beam_has_no_relative_degree_where_r_w_is_zero(x):
+def test_ball_and_beam_has_no_relative_degree_at_zero_rw(x):
     """Hauser, Sastry, Kokotovic 1992, section 3: L_g L_f^2 h = 2 B r w."""
     found = relative_degree(ball_and_beam(), x)
     assert found.degrees == {"r": 3}
@@ -44,7 +44,7 @@ def test_the_ball_and_beam_has_no_relative_degree_where_r_w_is_zero(x):
 
 
 @pytest.mark.thorough
-def test_the_ball_and_beam_elsewhere_and_approximated():
+def test_ball_and_beam_relative_degree_elsewhere_and_approximated():
     found = relative_degree(ball_and_beam(), X)
     assert (found.degrees, found.is_defined, found.total, found.why) == ({"r": 3}, True, 3, ())
     np.testing.assert_allclose(found.matrix, [[2 * BALL * X[0] * X[3]]], rtol=1e-14)
@@ -54,7 +54,7 @@ def test_the_ball_and_beam_elsewhere_and_approximated():
 
 
 @pytest.mark.thorough
-def test_the_planar_vtol():
+def test_planar_vtol_relative_degree_and_determinant():
     """Hauser, Sastry, Meyer 1992, section 2: determinant -eps; without the coupling, singular, and (4, 4) extended."""
     x = {"theta": 0.3}
     found = relative_degree(vtol(0.01), x)
@@ -76,7 +76,7 @@ def test_the_planar_vtol():
 
 
 @pytest.mark.thorough
-def test_the_hovercraft_is_flat_from_its_centre_of_oscillation():
+def test_hovercraft_is_flat_at_its_centre_of_oscillation():
     """There the sideways force cancels, two terms of opposite sign: no input, but for rounding."""
     craft = Hovercraft()
     centre = craft.inertia / (craft.mass * craft.arm)
@@ -97,7 +97,7 @@ def test_the_hovercraft_is_flat_from_its_centre_of_oscillation():
 
 
 @pytest.mark.thorough
-def test_systems_that_are_not_affine():
+def test_relative_degree_of_systems_not_affine_in_input():
     model = model_of_functions(
         lambda x, u: jnp.stack([x[1], x[0] + u[0] + u[0] ** 2]), ("a", "b"), ("u",), h=lambda x, u: x[:1]
     )
@@ -112,13 +112,13 @@ def test_systems_that_are_not_affine():
     np.testing.assert_allclose(output_derivatives(model, 0, 2)(np.array([1.0, 2]), np.array([0.7])), 1 + 0.7 + 0.49)
 
 
-def test_fields_about_another_input():
+def test_affine_fields_are_expanded_about_the_given_input():
     model = model_of_functions(lambda x, u: x * u[0] ** 2, ("a",), ("u",))
     f, (g,) = affine_fields(model, [2.0])
     np.testing.assert_allclose([f(jnp.ones(1))[0] + 2 * g(jnp.ones(1))[0], g(jnp.ones(1))[0]], [4.0, 4.0])
 
 
-def test_outputs_out_of_reach_direct_feedthrough_and_too_many():
+def test_unreachable_feedthrough_and_surplus_outputs_are_reported():
     A = jnp.array([[0, 1.0, 0], [0, 0, 0], [0, 0, -1]])
     model = model_of_functions(
         lambda x, u: A @ x + jnp.array([0.0, 1, 0]) * u,
@@ -132,13 +132,13 @@ def test_outputs_out_of_reach_direct_feedthrough_and_too_many():
     assert any("4 outputs need at least 4 inputs, the model has 1" in w for w in found.why)
 
 
-def test_units_do_not_change_the_condition():
+def test_units_do_not_change_the_condition_number():
     A = np.array([[1.0, 2], [3, -4]])
     scaled = np.diag([1e6, 1e-3]) @ A @ np.diag([1e-5, 7.0])
     np.testing.assert_allclose(np.abs(equilibrate(scaled)), np.abs(equilibrate(A)), rtol=1e-9)
 
 
-def test_wrong_input_is_refused():
+def test_rejects_invalid_arguments():
     with pytest.raises(InputError, match=r"radius: "):
         relative_degree(ball_and_beam(), radius=-1.0)
     with pytest.raises(InputError, match="unknown name 'phi'"):

@@ -1,4 +1,4 @@
-"""A linear model in a file comes back to the last digit, and what is none is refused."""
+"""A linear model is read back from its file to the last digit; invalid files are rejected."""
 
 import json
 
@@ -18,7 +18,7 @@ def linear():
     return linearise(model, [0.2, 0.4], [1e-17])
 
 
-def test_there_and_back(linear, tmp_path):
+def test_linear_model_file_round_trips_exactly(linear, tmp_path):
     file = tmp_path / "model.json"
     file.write_text(linear_json(linear, {"vehicle": "cart"}), encoding="utf-8")
     back, about = read_linear(file)
@@ -30,7 +30,7 @@ def test_there_and_back(linear, tmp_path):
 @pytest.mark.parametrize(
     "change", [{"format": "?"}, {"A": [[1.0]]}, {"states": ["a"]}, {"B": None}, {"D": [[float("nan")]]}]
 )
-def test_what_is_no_model_is_refused(linear, tmp_path, change):
+def test_rejects_invalid_model_file(linear, tmp_path, change):
     file = tmp_path / "model.json"
     file.write_text(json.dumps(json.loads(linear_json(linear, {})) | change), encoding="utf-8")
     with pytest.raises(InputError, match=r"trimtab linearise VEHICLE --out model\.json"):

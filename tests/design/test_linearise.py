@@ -29,7 +29,7 @@ def oscillator(w, zeta, unit):
     )
 
 
-def test_the_hovercraft_by_hand():
+def test_hovercraft_matrices_match_analytic_derivatives():
     found = linearise(hovercraft())
     u, v, r, s, c = 0.5, -0.2, 0.3, np.sin(0.7), np.cos(0.7)
     A = np.zeros((6, 6))
@@ -49,7 +49,7 @@ def test_the_hovercraft_by_hand():
     assert (found.states[2], found.inputs, found.outputs) == ("yaw_rate", ("FX", "FY"), ("course",))
 
 
-def test_deviations_follow_the_nonlinear_model():
+def test_linear_model_error_is_quadratic():
     model = hovercraft()
     found = linearise(model)
     dx, du = np.array([1.0, -2, 3, 0, 1, 2]), np.array([0.5, -1.0])
@@ -69,7 +69,7 @@ def test_modes_do_not_depend_on_units(unit):
     np.testing.assert_allclose([s for _, s in mode.states], 0.5, atol=1e-3)
 
 
-def test_poles_modes_and_their_states():
+def test_poles_and_modes_name_their_states():
     A = np.diag([2.0, -3.0, 0.0])
     A[0, 1] = 1e-3
     found = linearise(model_of_functions(lambda x, u: A @ x + u, ("fast", "slow", "still"), ("u",)))
@@ -81,7 +81,7 @@ def test_poles_modes_and_their_states():
     assert "slow 1.00" in found.table().splitlines()[3]
 
 
-def test_poles_that_coincide_share_their_states():
+def test_coincident_poles_share_their_states():
     """A triple integrator has one eigenvector; a pair of equal oscillators, coupled one way, two for four poles."""
     chain = linearise(model_of_functions(lambda x, u: jnp.stack([x[1], x[2], u[0]]), ("a", "b", "c"), ("u",)))
     assert len(chain.modes()) == 3
@@ -96,7 +96,7 @@ def test_poles_that_coincide_share_their_states():
         np.testing.assert_allclose([s for _, s in mode.states], 0.25, atol=0.1)
 
 
-def test_parts_and_scales():
+def test_part_and_rescale_keep_the_dynamics():
     found = linearise(hovercraft())
     part = found.part(states=("heading", "yaw_rate"), inputs=("FY",))
     np.testing.assert_allclose(part.A, [[0, 1], [0, 0]], atol=1e-15)
@@ -109,7 +109,7 @@ def test_parts_and_scales():
     np.testing.assert_allclose(scaled.poles(), found.poles(), atol=1e-8)
 
 
-def test_wrong_input_is_refused():
+def test_rejects_invalid_arguments():
     found = linearise(hovercraft())
     with pytest.raises(InputError, match="unknown name 'pitch'"):
         found.part(states=("pitch",))

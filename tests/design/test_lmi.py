@@ -18,7 +18,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_gain_satisfies_the_inequality(case):
+def test_gain_satisfies_the_matrix_inequality(case):
     A, B, Qe, Re = CASES[case]
     found = lmi_gain(A, B, Qe, Re)
     assert np.linalg.eigvalsh(found.P)[0] > 0
@@ -29,7 +29,7 @@ def test_the_gain_satisfies_the_inequality(case):
     assert found.poles[0].real == pytest.approx(np.linalg.eigvals(A + B @ found.K).real.max(), rel=1e-6)
 
 
-def test_the_objective_is_what_it_is_said_to_be():
+def test_objective_matches_its_definition_and_is_minimal():
     """tr(Q_e X) + tr(R_e Y X^-1 Y') at the solution, scaled back; and no gain of the regulator does better."""
     A, B, Qe, Re = CASES["ball and beam"]
     found = lmi_gain(A, B, Qe, Re)
@@ -44,7 +44,7 @@ def test_the_objective_is_what_it_is_said_to_be():
         assert cost(other.K, other.P) > found.objective * (1 - 1e-6)
 
 
-def test_decay_makes_it_faster_and_scale_does_not_matter():
+def test_decay_speeds_up_poles_and_scale_keeps_gain():
     A, B, Qe, Re = CASES["ball and beam"]
     slow, fast = lmi_gain(A, B, Qe, Re), lmi_gain(A, B, Qe, Re, decay=2.0)
     assert fast.poles[0].real < -2.0
@@ -52,7 +52,7 @@ def test_decay_makes_it_faster_and_scale_does_not_matter():
     np.testing.assert_allclose(other.K, slow.K, rtol=1e-3)
 
 
-def test_infeasible_is_refused_with_the_pole_and_the_violation():
+def test_infeasible_problem_reports_pole_and_violation():
     with pytest.raises(
         InputError, match=r"solver reported .*no input moves the poles \+1 1/s.*violated by at least [\d.e-]+"
     ):
@@ -64,7 +64,7 @@ def test_infeasible_is_refused_with_the_pole_and_the_violation():
         lmi_gain(*DOUBLE_INTEGRATOR, np.diag([1.0, 0.0]), 1.0)
 
 
-def test_undecided_problem_names_its_size_and_the_limit():
+def test_undecided_problem_reports_size_and_limit():
     assert lmi_gain(*integrators(STATES_SOLVED), np.eye(STATES_SOLVED), 1.0).poles[0].real < 0
     for n, weight in ((12, 1.0), (10, 1 / 1.01)):  # the solver fails; it ends beside the boundary
         undecided = rf"{n} states and 1 inputs(.|\n)*does not show(.|\n)*up to {STATES_SOLVED} integrators"
@@ -72,7 +72,7 @@ def test_undecided_problem_names_its_size_and_the_limit():
             lmi_gain(*integrators(n), weight * np.eye(n), 1.0, scale=np.ones(n))
 
 
-def test_without_the_solver_it_says_what_to_install(monkeypatch):
+def test_missing_solver_error_gives_install_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "clarabel", None)
     with pytest.raises(InputError, match=r"Clarabel is not installed[\s\S]*pip install .*\[design\]"):
         lmi_gain(*DOUBLE_INTEGRATOR, np.eye(2), 1.0)

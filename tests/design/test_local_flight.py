@@ -36,7 +36,7 @@ def values(plant, point):
 
 
 @pytest.mark.thorough
-def test_level_flight_as_printed(level):
+def test_f16_level_trim_matches_the_book(level):
     """Stevens, Lewis, Johnson, table 3.6-3, nominal: 502 ft/s at sea level, over a flat earth that stands still.
 
     Over the round and turning one it flies 0.2 % lighter.
@@ -48,7 +48,7 @@ def test_level_flight_as_printed(level):
 
 
 @pytest.mark.thorough
-def test_its_modes(level):
+def test_f16_modes_match_the_book(level):
     linear = linearise_at(*level)
     assert len(linear.states) == 12
     (dutch,) = [m for m in linear.modes() if m.pole.imag > 1]
@@ -59,7 +59,7 @@ def test_its_modes(level):
 
 
 @pytest.mark.thorough
-def test_a_steady_turn_as_printed():
+def test_f16_steady_turn_matches_the_book():
     """The same, fourth column: 0.3 rad/s, 4.5 g, centre of mass at 0.30."""
     plant = jet(0.30)
     words = (*NORTH, "sideslip=4.8e-4", "attitude.yaw'=0.3", "attitude.roll=60 deg..85 deg")
@@ -72,7 +72,7 @@ def test_a_steady_turn_as_printed():
 
 
 @pytest.mark.thorough
-def test_the_derivative_is_that_of_the_vehicle_itself():
+def test_local_derivative_matches_the_vehicle_itself():
     body = RigidBody(mass=2.0, inertia=np.array([0.1, 0.2, 0.25]))
     start = body.start(
         0.5, 0.2, 900.0, velocity=[40, 2, -3], angles=[0.2, 0.1, 1.0], rate=[0.1, 0.2, -0.3], over_ground=True
@@ -95,6 +95,6 @@ def test_the_derivative_is_that_of_the_vehicle_itself():
     np.testing.assert_allclose(back.velocity, start.velocity, rtol=1e-9)
 
 
-def test_what_does_not_fly_over_the_earth_stays_as_it_is():
+def test_vehicle_not_flying_over_earth_is_unchanged():
     craft, x = Hovercraft(), HovercraftState()
     assert fly_locally(craft, x) == (craft, x)

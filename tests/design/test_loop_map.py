@@ -25,7 +25,7 @@ def made(gain=1.0, instants=1):
     return LoopMap(np.array(stack), np.array(inputs), np.array(outputs), 0.1 / instants, names, ("u",), idle, 0.1)
 
 
-def test_poles_and_growth():
+def test_poles_and_growth_match_eigenvalues():
     loop = made()
     wanted = np.linalg.eigvals(A + B @ K)
     assert loop.growth() == pytest.approx(np.abs(wanted).max())
@@ -33,7 +33,7 @@ def test_poles_and_growth():
     assert made(instants=3).growth() == pytest.approx(loop.growth())
 
 
-def test_gain_margin_and_delay_by_trying_them():
+def test_gain_and_delay_margins_match_eigenvalue_search():
     margins = loop_margins(made())
     assert np.abs(np.linalg.eigvals(A + margins.gain_up * B @ K)).max() == pytest.approx(1, abs=1e-5)
     assert margins.gain_down == 0.0
@@ -49,7 +49,7 @@ def test_gain_margin_and_delay_by_trying_them():
     assert margins.delay == pytest.approx(0.1 * last)
 
 
-def test_response_and_crossing_by_hand():
+def test_response_and_crossings_match_analytic_values():
     loop, w = made(), np.array([0.3, 1.0, 9.0])
     z = np.exp(0.1j * w)
     wanted = np.array([-(K @ np.linalg.solve(v * np.eye(2) - A, B)).item() for v in z])
@@ -60,7 +60,7 @@ def test_response_and_crossing_by_hand():
     assert phase == pytest.approx(math.pi + np.angle(there), abs=1e-9)
 
 
-def test_one_command_of_two_is_broken_with_the_other_closed():
+def test_broken_loop_keeps_the_other_command_closed():
     """Two integrators that drive each other: 1 + L of one is the ratio of determinants with the other closed."""
     A2, B2, K2 = np.array([[1.0, 0.05], [-0.05, 1.0]]), 0.1 * np.eye(2), -np.array([[1.0, 0.4], [0.2, 2.0]])
     loop = LoopMap(A2[None], B2[None], K2[None], 0.1, ("a", "b"), ("u", "v"), np.zeros(2, bool), 0.1)
@@ -69,6 +69,6 @@ def test_one_command_of_two_is_broken_with_the_other_closed():
     assert loop.broken_loops([2.0])[0, 0] == pytest.approx(one - 1)
 
 
-def test_a_loop_that_grows_has_no_margins():
+def test_rejects_margins_of_an_unstable_loop():
     with pytest.raises(InputError, match="the loop is not stable"):
         loop_margins(made(gain=-1.0))

@@ -1,4 +1,4 @@
-"""Proofs of whole loops: what decays is proved, what does not is refused, with the number."""
+"""Proofs of closed loops: decay is proved where it exists, and otherwise the proof fails with the number."""
 
 import itertools
 
@@ -36,7 +36,7 @@ SIZE = np.array([1e3, 1.0, 1e-3, 1.0])
 
 
 @pytest.mark.parametrize("rate", [1e-3, 0.2, 3.0])
-def test_the_decay_of_a_sampled_loop_is_proved(rate):
+def test_decay_of_a_sampled_loop_is_proved(rate):
     line = prove_sampled(sampled(rate), SIZE, 0.1, NAMES)
     assert line.holds, line
     assert line.number == pytest.approx(SHARE * rate, rel=1e-6)
@@ -44,14 +44,14 @@ def test_the_decay_of_a_sampled_loop_is_proved(rate):
 
 
 @pytest.mark.parametrize("rate", [0.0, -1e-9, -0.2])
-def test_a_sampled_loop_that_does_not_decay_is_refused(rate):
+def test_sampled_loop_without_decay_is_not_proved(rate):
     line = prove_sampled(sampled(rate) + (0.0 if rate else 1e-12), SIZE, 0.1, NAMES)
     assert not line.holds
     assert line.number <= 1e-9
 
 
-def test_a_lyapunov_matrix_that_is_none_proves_nothing(monkeypatch):
-    """What floats bring is only tried: any other matrix in its place fails in exact arithmetic, and names the pivot."""
+def test_wrong_lyapunov_matrix_fails_the_sampled_proof(monkeypatch):
+    """The float matrix is only a candidate: a wrong one fails in exact arithmetic, and the pivot is named."""
     for wrong in (lambda A, Q: -np.eye(4), lambda A, Q: np.eye(4)):
         monkeypatch.setattr("trimtab.design.loop_proof.solve_discrete_lyapunov", wrong)
         line = prove_sampled(sampled(0.2), np.ones(4), 0.1, NAMES)
@@ -60,15 +60,15 @@ def test_a_lyapunov_matrix_that_is_none_proves_nothing(monkeypatch):
 
 
 @pytest.mark.parametrize("error", [0.0, 0.1, 0.15])
-def test_all_plants_of_a_box_are_proved(error):
+def test_all_plants_of_a_parameter_box_are_proved(error):
     line = prove_boxes([box(error)], np.ones(4), 0.05, NAMES)
     assert line.holds, line
     assert line.number == 0.05
     assert line.how == "exact, 4 vertices of 1 boxes"
 
 
-def test_one_unstable_corner_refuses_the_box():
-    """Only where both are at their ends: each parameter alone would pass."""
+def test_box_with_an_unstable_vertex_fails():
+    """Unstable only where both parameters are at their ends: each parameter alone would pass."""
     vertices = box(0.1)
     vertices[3, 1, 1] = 0.01
     line = prove_boxes([box(0.1), vertices], np.ones(4), 0.0, NAMES)
@@ -77,7 +77,7 @@ def test_one_unstable_corner_refuses_the_box():
     assert line.number == pytest.approx(-np.linalg.eigvals(vertices).real.max())
 
 
-def test_a_box_of_stable_corners_with_an_unstable_inside_is_refused():
+def test_box_with_stable_vertices_but_unstable_interior_fails():
     """Two stable matrices whose mean is not: eigenvalues at the corners prove nothing, one Lyapunov matrix does."""
     corners = np.array([[[-1.0, 10.0], [0.0, -1.0]], [[-1.0, 0.0], [10.0, -1.0]]])
     assert np.linalg.eigvals(corners).real.max() < 0 < np.linalg.eigvals(corners.mean(axis=0)).real.max()
@@ -85,21 +85,21 @@ def test_a_box_of_stable_corners_with_an_unstable_inside_is_refused():
 
 
 @pytest.mark.parametrize("wrong", [-np.eye(4), np.eye(4)])
-def test_a_common_matrix_that_is_none_proves_nothing(monkeypatch, wrong):
+def test_wrong_common_lyapunov_matrix_fails_the_box(monkeypatch, wrong):
     monkeypatch.setattr("trimtab.design.loop_proof._common_lyapunov", lambda v, r, m: (wrong, m))
     assert not prove_boxes([box(0.1)], np.ones(4), 0.05, NAMES).holds
 
 
-def test_the_rate_is_part_of_the_proof():
-    """What decays by 0.25 1/s is not proved to decay by 0.3."""
+def test_faster_decay_rate_than_true_is_not_proved():
+    """A loop that decays at 0.25 1/s is not proved to decay at 0.3 1/s."""
     slow = box(0.0)
     assert np.linalg.eigvals(slow).real.max() == pytest.approx(-0.25)
     assert prove_boxes([slow], np.ones(4), 0.24, NAMES).holds
     assert not prove_boxes([slow], np.ones(4), 0.3, NAMES).holds
 
 
-def test_the_level_is_the_largest_up_to_its_hundredth():
-    """By points on the set: no input beyond its room, and one within a part of it; twice the level is too much."""
+def test_proved_level_is_largest_within_one_percent():
+    """By random points on the set: no input exceeds its limit, one nearly reaches it, twice the level exceeds it."""
     certificate = design_certificate(ball_system())
     o = certificate.observer
     K = certificate.K
@@ -119,14 +119,14 @@ def test_the_level_is_the_largest_up_to_its_hundredth():
     assert "largest single errors within the level: r " in line.why
 
 
-def test_inputs_without_room_have_no_level():
+def test_saturated_input_has_no_proved_level():
     certificate = design_certificate(ball_system())
     line = prove_level(certificate, certificate.observer, np.ones((1, 6)), np.array([0.0]))
     assert (line.holds, line.why) == (False, "an input is at or beyond its limit at rest")
 
 
-def test_both_sides_of_the_inequalities_count(monkeypatch):
-    """A Lyapunov matrix that would do for twice P, or without the rate, does not do."""
+def test_both_sides_of_the_inequalities_are_checked(monkeypatch):
+    """A Lyapunov matrix that satisfies only a weaker inequality (2 P, or no decay rate) is rejected."""
     monkeypatch.setattr("trimtab.design.loop_proof.solve_discrete_lyapunov", lambda A, Q: np.eye(2))
     F = np.array([[0.5, 1.0], [0.0, 0.5]])
     assert 1 < np.linalg.norm(F, 2) ** 2 < 2

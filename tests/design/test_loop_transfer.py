@@ -13,7 +13,7 @@ from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 W = np.geomspace(0.05, 50, 17)
 
 
-def test_polynomials_are_what_they_say():
+def test_loop_of_polynomials_matches_the_transfer_function():
     loop = loop_of_polynomials([2.0, 1.0], [1.0, 0.3, 4.0, 0.0])
     s = 1j * W
     np.testing.assert_allclose(
@@ -25,7 +25,7 @@ def test_polynomials_are_what_they_say():
     np.testing.assert_allclose(closed.frequency_response(W), L / (1 + L), rtol=1e-10)
 
 
-def test_a_loop_with_a_direct_part_is_closed():
+def test_loop_with_direct_feedthrough_is_closed_correctly():
     loop = loop_of_polynomials([1.0, 3.0], [2.0, 1.0])
     L = loop.frequency_response(W)
     np.testing.assert_allclose(loop.complementary_sensitivity().frequency_response(W), L / (1 + L), rtol=1e-12)
@@ -42,7 +42,7 @@ def test_a_loop_with_a_direct_part_is_closed():
         (ReverseMomentum(k1=1.5, k2=1.0, theta=1.44, reference=-1.98), loops.reverse),
     ],
 )
-def test_a_law_around_the_hovercraft_is_the_lateral_loop_by_hand(law, by_hand):
+def test_hovercraft_loop_matches_hand_written_lateral_loop(law, by_hand):
     found = loop_of_law(Hovercraft(), law, law.equilibrium()).frequency_response(W)
     np.testing.assert_allclose(found[:, 1, 1], by_hand().frequency_response(W)[:, 0, 0], rtol=1e-9)
     np.testing.assert_allclose(found[:, 0, 0], law.k1 / (2.6j * W), rtol=1e-9)
@@ -50,7 +50,7 @@ def test_a_law_around_the_hovercraft_is_the_lateral_loop_by_hand(law, by_hand):
 
 
 @pytest.mark.thorough
-def test_of_a_law_with_modes_it_is_the_loop_of_one():
+def test_law_with_modes_gives_the_loop_of_one_mode():
     law, trim = SupervisedSpin(), HovercraftState(yaw_rate=3.0)
     spins = SpinSupervisorState(mode=np.int32(1), switches=np.int32(1))
     found = loop_of_law(Hovercraft(), law, trim, spins)
@@ -59,7 +59,7 @@ def test_of_a_law_with_modes_it_is_the_loop_of_one():
         loop_of_law(Hovercraft(), law, HovercraftState(surge_velocity=1.0, yaw_rate=3.0), spins)
 
 
-def test_a_sampled_loop_is_that_of_its_exact_step():
+def test_discretised_loop_matches_the_exact_step():
     a, h = 1.5, 0.1
     loop = loop_of_gain([[a]], [[2.0]], [[-3.0]]).discretise(h)
     np.testing.assert_allclose(loop.A, np.exp(a * h))
@@ -70,7 +70,7 @@ def test_a_sampled_loop_is_that_of_its_exact_step():
         loop.discretise(h)
 
 
-def test_hidden_poles_do_not_count_and_seen_ones_do():
+def test_unstable_poles_exclude_hidden_poles():
     assert loops.zero().unstable_poles() == ()  # a pole at 0 that neither moves nor is seen
     bad = loop_of_gain([[0.5, 0.0], [0.0, -1.0]], [[1.0], [1.0]], [[-0.2, 0.0]])
     assert bad.unstable_poles() == pytest.approx((0.3,))
@@ -79,7 +79,7 @@ def test_hidden_poles_do_not_count_and_seen_ones_do():
     assert loop_of_gain([[0.0]], [[1.0]], [[-3.0]]).discretise(1.0).unstable_poles() == pytest.approx((-2.0,))
 
 
-def test_the_grid_is_dense_at_a_light_mode():
+def test_frequency_grid_is_dense_at_a_lightly_damped_mode():
     w, zeta = 7.0, 1e-4
     grid = loop_of_polynomials([1e-3], [1, 2 * zeta * w, w * w]).grid()
     assert (np.abs(grid - w) < zeta * w).sum() > 20
@@ -95,6 +95,6 @@ def test_the_grid_is_dense_at_a_light_mode():
         (lambda: loop_of_gain([[1.0]], [[1.0]], [[1.0, 2.0]]), "don't fit"),
     ],
 )
-def test_refusals(make, says):
+def test_rejects_invalid_loops(make, says):
     with pytest.raises(InputError, match=says):
         make()

@@ -17,7 +17,7 @@ def by_hamiltonian(A, B, Q, R):
     return np.real(stable[n:] @ np.linalg.inv(stable[:n]))
 
 
-def test_double_integrator_has_the_gain_of_the_textbook():
+def test_double_integrator_gain_matches_the_textbook():
     found = lqr(*DOUBLE_INTEGRATOR, np.eye(2), 1.0)
     np.testing.assert_allclose(found.K, [[-1, -np.sqrt(3)]], rtol=1e-12)
     np.testing.assert_allclose(found.P, [[np.sqrt(3), 1], [1, np.sqrt(3)]], rtol=1e-12)
@@ -25,7 +25,7 @@ def test_double_integrator_has_the_gain_of_the_textbook():
     assert found.residual < 1e-14
 
 
-def test_scale_does_not_change_the_gain_and_integral_action_is_another_system():
+def test_scale_does_not_change_gain_with_integral_action():
     A, B = augment_integrals(*BALL_AND_BEAM, [0])
     np.testing.assert_array_equal(A[4], [1, 0, 0, 0, 0])
     assert B.shape == (5, 1)
@@ -38,7 +38,7 @@ def test_scale_does_not_change_the_gain_and_integral_action_is_another_system():
     np.testing.assert_allclose(np.sort(found.poles.real), np.sort(closed.real), rtol=1e-8)
 
 
-def test_filter_is_the_dual():
+def test_kalman_bucy_matches_scalar_closed_form():
     """x' = a x + w, y = x + n: P = R (a + sqrt(a^2 + Q/R))."""
     found = kalman_bucy(0.3, 1.0, 2.0, 0.5)
     P = 0.5 * (0.3 + np.sqrt(0.09 + 4.0))
@@ -46,7 +46,7 @@ def test_filter_is_the_dual():
     np.testing.assert_allclose(found.poles, [0.3 - P / 0.5], rtol=1e-12)
 
 
-def test_what_cannot_be_is_refused_with_the_number():
+def test_rejects_unsolvable_problems_with_pole_or_number():
     with pytest.raises(InputError, match=r"no input moves the pole \+1 1/s"):
         lqr([[1, 0], [0, -2]], [[0], [1]], np.eye(2), 1.0)
     with pytest.raises(InputError, match=r"Q is zero for the motion of the pole \+0 ± 3i 1/s"):
@@ -61,13 +61,13 @@ def test_what_cannot_be_is_refused_with_the_number():
         lqr(*DOUBLE_INTEGRATOR, np.eye(3), 1.0)
 
 
-def test_a_stable_pole_that_nothing_moves_is_allowed():
+def test_accepts_stable_uncontrollable_pole():
     found = lqr([[1, 0], [0, -2]], [[1], [0]], np.eye(2), 1.0)
     assert found.poles.real.max() < 0
 
 
-def test_a_slow_input_is_no_missing_one():
-    """In bad units the input is 1e-12 of the rest: scaling decides, not the numbers."""
+def test_tiny_input_gain_is_still_controllable():
+    """In bad units the input matrix is 1e-12 of the rest; only the scaled size may count."""
     found = lqr([[1.0]], [[1e-12]], 1.0, 1e-24)
     np.testing.assert_allclose(found.poles, [-np.sqrt(2)], rtol=1e-9)
 

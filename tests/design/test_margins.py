@@ -24,7 +24,7 @@ from trimtab.design.margins import (
     ("loop", "milliseconds"),
     [(loops.zero, 433), (loops.forward, 191), (loops.spin, 279), (loops.reverse, 380)],
 )
-def test_delay_margins(loop, milliseconds):
+def test_delay_margins_match_the_source(loop, milliseconds):
     """[1] section 5.3.3, from the loop's gain and phase: within 2 %."""
     assert delay_margin(loop()).delay == pytest.approx(milliseconds * 1e-3, rel=0.02)
 
@@ -37,20 +37,20 @@ def test_forward_crossover_and_phase_margin():
 
 
 @pytest.mark.parametrize("loop", [loops.zero, loops.forward, loops.reverse, loops.spin])
-def test_poles_of_the_delayed_loop_cross_exactly_there(loop):
+def test_delayed_loop_poles_cross_axis_at_delay_margin(loop):
     found = delay_margin(loop()).delay
     assert loops.rightmost(loop(), 0.98 * found) < -1e-3
     assert loops.rightmost(loop(), 1.02 * found) > 1e-3
     assert loops.rightmost(loop(), found) == pytest.approx(0, abs=1e-6)
 
 
-def test_an_integrator_by_hand():
+def test_integrator_delay_margin_matches_analytic_value():
     found = delay_margin(loop_of_polynomials([3.0], [1.0, 0.0]))
     assert found.delay == pytest.approx(math.pi / 6, rel=1e-12)
     assert found.crossovers[0].frequency == pytest.approx(3.0, rel=1e-12)
 
 
-def test_of_several_crossovers_the_shortest_delay_decides():
+def test_shortest_delay_of_several_crossovers_decides():
     """An integrator beside a light mode that peaks above 1 far beyond the first crossover: L = 1/s + c s/(mode)."""
     zeta, w, c = 0.01, 30.0, 1.2
     mode = np.poly1d([1.0, 2 * zeta * w, w * w])
@@ -68,7 +68,7 @@ def test_of_several_crossovers_the_shortest_delay_decides():
         assert abs(1 + L * np.exp(-1j * crossover.frequency * crossover.delay)) < 1e-9
 
 
-def test_a_peak_that_hardly_passes_one_is_not_missed():
+def test_finds_crossovers_of_a_peak_just_above_one():
     zeta, w = 1e-3, 11.0
     peak = 2 * zeta * math.sqrt(1 - zeta**2)
     above = delay_margin(loop_of_polynomials([-peak * w * w * (1 + 1e-6)], [1, 2 * zeta * w, w * w]))
@@ -77,7 +77,7 @@ def test_a_peak_that_hardly_passes_one_is_not_missed():
     assert below == (math.inf, ())
 
 
-def test_of_two_signals_the_eigenvalue_loci_decide():
+def test_two_signal_loop_margin_uses_eigenvalue_loci():
     """Two integrators coupled by a rotation: eigenvalues k exp(+-j angle)/(j w), so margin (pi/2 - angle)/k."""
     angle, k = 0.7, 2.0
     turn = k * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -85,12 +85,12 @@ def test_of_two_signals_the_eigenvalue_loci_decide():
     assert found.delay == pytest.approx((math.pi / 2 - angle) / k, rel=1e-9)
 
 
-def test_no_crossover_no_limit_and_a_direct_part_of_one_none_at_all():
+def test_delay_margin_without_crossover_and_with_feedthrough():
     assert delay_margin(loop_of_polynomials([0.5], [1.0, 1.0])).delay == math.inf
     assert delay_margin(loop_of_polynomials([2.0, 1.0], [1.0, 1.0])).delay == 0.0
 
 
-def test_refusals_of_the_delay_margin():
+def test_delay_margin_rejects_unstable_and_sampled_loops():
     with pytest.raises(InputError, match="not stable even without delay; it has the pole \\+2"):
         delay_margin(loop_of_polynomials([-3.0], [1.0, 1.0]))
     with pytest.raises(InputError, match="sampled"):
@@ -98,12 +98,12 @@ def test_refusals_of_the_delay_margin():
 
 
 @pytest.mark.parametrize(("loop", "milliseconds"), [(loops.zero, 276), (loops.forward, 172), (loops.reverse, 365)])
-def test_jitter_margins(loop, milliseconds):
+def test_jitter_margins_match_the_source(loop, milliseconds):
     """[1] section 5.3.3, from the loop's gain and phase: within 2 %."""
     assert jitter_margin(loop()) == pytest.approx(milliseconds * 1e-3, rel=0.02)
 
 
-def test_first_and_second_order_by_hand():
+def test_first_and_second_order_jitter_margins_match_analytic():
     """T = a/(s + a): w |T| rises to a.  T = w^2/(s^2 + 2 z w s + w^2): highest at w, w/(2 z)."""
     assert jitter_margin(loop_of_polynomials([2.5], [1.0, 0.0])) == pytest.approx(0.4, rel=1e-12)
     w, z = 3.0, 1e-3
@@ -111,7 +111,7 @@ def test_first_and_second_order_by_hand():
 
 
 @pytest.mark.thorough
-def test_with_a_constant_delay_it_falls_to_nothing_at_the_delay_margin():
+def test_jitter_margin_falls_to_zero_at_the_delay_margin():
     loop = loops.forward()
     limit = delay_margin(loop).delay
     delays = limit * np.array([0.0, 0.2, 0.5, 0.9, 0.999])
@@ -129,19 +129,19 @@ def test_with_a_constant_delay_it_falls_to_nothing_at_the_delay_margin():
         assert value == pytest.approx(1 / (w * np.abs(L / (1 + L))).max(), rel=1e-4)
 
 
-def test_samples_by_hand():
+def test_sampled_jitter_margin_matches_analytic_value():
     """L = k/(z - 1): |z - 1| |T| is highest at z = -1, 2k/(2 - k)."""
     loop = loop_of_polynomials([0.3], [1.0, 0.0]).discretise(1.0)
     assert jitter_margin_samples(loop) == pytest.approx(1.7 / 0.6, rel=1e-9)
 
 
-def test_samples_of_a_fast_clock_are_the_continuous_margin():
+def test_fast_sampled_jitter_margin_approaches_the_continuous():
     loop, h = loops.forward(), 1e-3
     assert jitter_margin_samples(loop.discretise(h)) * h == pytest.approx(jitter_margin(loop), rel=0.01)
 
 
 @pytest.mark.parametrize("pattern", ["random", "constant", "saw"])
-def test_flights_with_varying_delays_inside_the_margin_come_to_rest(pattern):
+def test_varying_delays_inside_the_margin_stay_stable(pattern):
     loop = loops.forward().discretise(0.02)
     N = int(np.ceil(jitter_margin_samples(loop)) - 1)
     assert N == 8  # 172 ms in periods of 20 ms
@@ -165,7 +165,7 @@ def _late(loop, N, pattern, steps=3000):
     return np.abs(history[-50:]).max()
 
 
-def test_a_direct_part_leaves_no_margin_and_misuse_is_refused():
+def test_jitter_margin_with_feedthrough_and_invalid_arguments():
     assert jitter_margin(loop_of_polynomials([0.5, 1.0], [1.0, 0.0])) == 0.0
     with pytest.raises(InputError, match="continuous"):
         jitter_margin_samples(loops.forward())
@@ -188,14 +188,14 @@ def by_every_pattern(a, q, steps, start, tries):
 
 
 @pytest.mark.parametrize(("a", "q"), [(1.5, 0.6), (1.5, 2 / 3), (-3.0, 0.4), (0.5, 0.9)])
-def test_packet_loss_recursion(a, q):
+def test_mean_squares_match_enumerated_loss_patterns(a, q):
     """[1] eqs. 5.2, 5.3: exact."""
     found = mean_squares(a, q, 9, start=2.0)
     for k in range(10):
         assert found[k] == pytest.approx(by_every_pattern(a, q, k, 2.0, 2), rel=1e-13)
 
 
-def test_packet_loss_limit():
+def test_mean_square_limit_under_packet_loss():
     """[1] eq. 5.3: 1/(1 - a^2 q^2), 5.263 at a = 1.5, q = 0.6; without bound from |a| q = 1 on."""
     assert mean_square(1.5, 0.6) == pytest.approx(1 / 0.19, rel=1e-14)
     assert mean_squares(1.5, 0.6, 400)[-1] == pytest.approx(1 / 0.19, rel=1e-13)
@@ -205,7 +205,7 @@ def test_packet_loss_limit():
 
 
 @pytest.mark.parametrize("retransmissions", [0, 1, 3])
-def test_other_numbers_of_retransmissions(retransmissions):
+def test_mean_squares_with_any_number_of_retransmissions(retransmissions):
     a, q = 1.4, 0.6
     found = mean_squares(a, q, 6, retransmissions=retransmissions)
     assert found[-1] == pytest.approx(by_every_pattern(a, q, 6, 0.0, 1 + retransmissions), rel=1e-13)
@@ -213,11 +213,11 @@ def test_other_numbers_of_retransmissions(retransmissions):
     assert mean_square_growth(a, limit, retransmissions=retransmissions) == pytest.approx(1.0)
 
 
-def test_critical_loss():
+def test_critical_loss_probability_matches_formula():
     np.testing.assert_allclose(critical_loss([-4.0, 1.25, 0.3]), [0.25, 0.8, 1.0])
 
 
-def test_refusals_of_the_packet_loss():
+def test_packet_loss_functions_reject_invalid_arguments():
     with pytest.raises(InputError, match="q within"):
         mean_square_growth(1.5, 1.2)
     with pytest.raises(InputError, match="a must be finite"):

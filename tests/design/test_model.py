@@ -42,13 +42,13 @@ class State:
     valid: Scalar = quantity("1", "Not an entry of the vector.", kind="flag", default=True)
 
 
-def test_entries_have_names():
+def test_record_entries_have_names():
     assert entry_names(State()) == ("p[0]", "p[1]", "heading", "bias.gyro", "more.a.gyro")
     assert entry_names(U) == ("FX", "FY")
     np.testing.assert_array_equal(record_vector(State()), [1.0, 2.0, 3.0, 0.1, 0.5])
 
 
-def test_a_vehicle_as_a_function_of_vectors():
+def test_vehicle_model_matches_the_vehicle_dynamics():
     craft = Hovercraft()
     model = model_of_vehicle(craft, X, U)
     want = craft.dynamics(0.0, X, U)
@@ -61,7 +61,7 @@ def test_a_vehicle_as_a_function_of_vectors():
     assert float(model.input(model.u0).FY) == -0.1
 
 
-def test_outputs_by_name_and_by_function():
+def test_outputs_are_chosen_by_name_or_function():
     model = model_of_vehicle(Hovercraft(), X, U, outputs=("east", "yaw_rate"))
     np.testing.assert_array_equal(model.h(model.x0, model.u0), [5.0, 0.1])
     made = model_of_vehicle(
@@ -71,7 +71,7 @@ def test_outputs_by_name_and_by_function():
     assert made.outputs == ("speed",)
 
 
-def test_points_from_changes_records_and_vectors():
+def test_points_accept_changes_records_and_vectors():
     model = model_of_vehicle(Hovercraft(), X, U)
     x, u = model.point({"north": 9.0}, [1.0, 2.0])
     np.testing.assert_array_equal(x, [0.3, -0.2, 0.1, 9.0, 5.0, 7.0])
@@ -80,7 +80,7 @@ def test_points_from_changes_records_and_vectors():
     assert model.x0[3] == 4.0
 
 
-def test_what_does_not_fit_is_refused():
+def test_rejects_invalid_points_and_names():
     model = model_of_vehicle(Hovercraft(), X, U)
     with pytest.raises(InputError, match="unknown name 'hedding'") as error:
         model.point({"hedding": 1.0})

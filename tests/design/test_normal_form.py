@@ -26,7 +26,7 @@ def form():
 
 
 @pytest.mark.thorough
-def test_names_and_point_of_the_vtol(form):
+def test_vtol_normal_form_names_and_point(form):
     assert form.external == ("x", "x'", "y", "y'")
     assert (form.internals, form.virtual) == (("theta", "w"), ("x''", "y''"))
     np.testing.assert_allclose(form.xi0, [0, 1, 0, 0])
@@ -36,7 +36,7 @@ def test_names_and_point_of_the_vtol(form):
 
 
 @pytest.mark.thorough
-def test_internal_dynamics_of_the_vtol_by_hand(form):
+def test_vtol_internal_dynamics_match_analytic_values(form):
     """Hauser, Sastry, Meyer 1992, section 2: eps theta'' = v1 cos theta + (v2 + g) sin theta."""
     v, zeta = jnp.array([0.7, -0.4]), jnp.array([0.5, -0.6])
     got = quick(form.internal)(jnp.array([3.0, -1, 2, 1]), zeta, v)
@@ -51,7 +51,7 @@ def test_internal_dynamics_of_the_vtol_by_hand(form):
 
 
 @pytest.mark.thorough
-def test_the_model_in_new_coordinates_has_chains_of_integrators(form):
+def test_transformed_model_has_integrator_chains(form):
     linear = linearise(form.model())
     assert linear.states == (*form.external, *form.internals)
     A, B = np.zeros((4, 6)), np.zeros((4, 2))
@@ -62,7 +62,7 @@ def test_the_model_in_new_coordinates_has_chains_of_integrators(form):
 
 
 @pytest.mark.thorough
-def test_there_and_back_and_an_input_that_is_not_affine():
+def test_coordinate_round_trip_and_inversion_of_nonaffine_input():
     model = model_of_functions(
         lambda x, u: jnp.stack([x[1], jnp.tanh(x[0]) + u[0] + 0.3 * u[0] ** 2, x[0] * x[1] - x[2] ** 3]),
         ("a", "b", "c"),
@@ -85,7 +85,7 @@ def test_there_and_back_and_an_input_that_is_not_affine():
 
 
 @pytest.mark.thorough
-def test_states_are_chosen_and_feedthrough_has_no_chain():
+def test_internal_states_are_chosen_and_feedthrough_has_no_chain():
     chosen = normal_form(vtol(EPS)).internals
     assert chosen == ("theta", "w")
     lag = model_of_functions(lambda x, u: u - 2 * x, ("a",), ("u",), h=lambda x, u: x + u, outputs=("y",))
@@ -96,7 +96,7 @@ def test_states_are_chosen_and_feedthrough_has_no_chain():
 
 
 @pytest.mark.thorough
-def test_solve_is_differentiable_and_says_when_there_is_no_root():
+def test_solve_root_is_differentiable_and_nan_without_root():
     cube = lambda a: solve_root(lambda z: z**3 - a, jnp.array([1.0]))[0]  # noqa: E731
     np.testing.assert_allclose([cube(8.0), jax.grad(cube)(8.0)], [2.0, 1 / 12], rtol=1e-12)
     np.testing.assert_allclose(jax.grad(jax.grad(cube))(8.0), -2 / 9 * 8 ** (-5 / 3), rtol=1e-9)
@@ -104,7 +104,7 @@ def test_solve_is_differentiable_and_says_when_there_is_no_root():
 
 
 @pytest.mark.thorough
-def test_wrong_input_is_refused():
+def test_normal_form_rejects_invalid_arguments():
     with pytest.raises(InputError, match="no relative degree is defined at this point: inputs affect derivative 3"):
         normal_form(ball_and_beam())
     with pytest.raises(InputError, match="as many outputs as inputs, got 2 and 1"):
@@ -125,7 +125,7 @@ def curved():
     return model_of_functions(f, ("a", "b", "c"), ("p",), h=lambda x, u: x[:1], outputs=("y",))
 
 
-def test_against_the_first_order_by_hand():
+def test_linear_normal_form_matches_analytic_first_order():
     """y' = b + a^2, v = y'' = -a + sinh(p) (2 + c) + 2 a y' about zero: p = (v + a)/2, c' = -c + a + p."""
     got = linear_normal_form(curved(), {"y": 2}, ("c",))
     assert (got.states, got.inputs, got.outputs) == (("y", "y'", "c"), ("y''",), ("y",))
@@ -134,7 +134,7 @@ def test_against_the_first_order_by_hand():
     np.testing.assert_allclose(got.C, [[1, 0, 0]])
 
 
-def test_away_from_the_origin_curvature_of_the_coordinates_counts():
+def test_linear_normal_form_includes_curvature_away_from_origin():
     """Trim a = 1, b = -1: Phi = [[1, 0, 0], [2, 1, 0], [0, 0, 1]]; v = y'' as below."""
     model = curved()
     found = trim(model, x={"a": 1.0, "b": -1.0}, free=("c", "p")).require_trim()
@@ -148,7 +148,7 @@ def test_away_from_the_origin_curvature_of_the_coordinates_counts():
 
 
 @pytest.mark.thorough
-def test_what_does_not_fit_is_refused():
+def test_linear_normal_form_rejects_invalid_arguments():
     model = curved()
     with pytest.raises(InputError, match=r"not a trim: b' = 1\.1"):
         linear_normal_form(model, {"y": 2}, ("c",), u={"p": 0.55})
@@ -165,7 +165,7 @@ def test_what_does_not_fit_is_refused():
 
 
 @pytest.mark.thorough
-def test_vtol_has_no_degree_where_the_inputs_enter_as_one():
+def test_vtol_linear_normal_form_matches_known_roll_dynamics():
     """[2, 2] is its degree; internal dynamics of the roll as known: sin(theta) g / eps."""
     craft = vtol(0.3)
     got = linear_normal_form(craft, dict.fromkeys(craft.outputs, 2), craft.states[4:], u=craft.u0)

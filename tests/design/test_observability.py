@@ -11,7 +11,7 @@ from trimtab.estimators.inertial.coupled import coupled_transition
 SIGMAS = np.array([0.1, 0.5, 0.5, 1.0, 1.0, 0.02, 0.2, 0.2])
 
 
-def test_constant_velocity_seen_by_position():
+def test_constant_velocity_gramian_matches_analytic_sum():
     """Sum of [1, t]' [1, t] / r at t = 0, 1, 2."""
     F, H, R = np.array([[1.0, 1], [0, 1]]), np.array([[1.0, 0]]), np.array([[0.5]])
     G = observability_gramian([F, F], [H] * 3, [R] * 3)
@@ -21,7 +21,7 @@ def test_constant_velocity_seen_by_position():
     np.testing.assert_allclose(found.remaining_sigmas, np.sqrt(np.diag(np.linalg.inv(np.eye(2) + G))), rtol=1e-12)
 
 
-def test_what_is_not_measured_is_hidden():
+def test_unmeasured_directions_are_hidden():
     found = observability([np.eye(2)] * 3, [np.array([[1.0, 1]])] * 4, [np.eye(1)] * 4, [1.0, 2.0])
     assert found.rank == 1
     want = np.array([2.0, -1]) / np.sqrt(5)  # x0 = -x1, in units of the sigmas
@@ -41,7 +41,7 @@ def along(truth):
 
 
 @pytest.mark.thorough
-def test_positions_show_the_heading_of_a_vehicle_that_accelerates_and_not_at_rest():
+def test_heading_is_observable_only_while_accelerating():
     still, moving = along(rest(ticks(1000))), along(weave(ticks(1000)))
     assert still.rank == 6
     np.testing.assert_allclose(
@@ -55,14 +55,14 @@ def test_positions_show_the_heading_of_a_vehicle_that_accelerates_and_not_at_res
     np.testing.assert_allclose(moving.remaining_sigmas, np.sqrt(np.diag(left)), rtol=1e-9)
 
 
-def test_what_does_not_fit_is_refused():
+def test_rejects_mismatched_shapes_and_zero_sigmas():
     with pytest.raises(InputError, match="must fit together"):
         observability_gramian([np.eye(2)], [np.ones((1, 2))], [np.eye(1)])
     with pytest.raises(InputError, match="prior sigmas"):
         observability([np.eye(2)], [np.ones((1, 2))] * 2, [np.eye(1)] * 2, [1.0, 0.0])
 
 
-def test_constant_pair_in_units_in_which_its_rows_compare():
+def test_constant_rank_does_not_depend_on_units():
     A = np.array([[0, 1.0, 0, 0], [-3e12, -10, 0, 0], [0, 0, 0, 1], [0, 0, -4e12, -20]])
     C = np.array([[1.0, 0, 1e-3, 0]])
     plain = np.vstack([C @ np.linalg.matrix_power(A, k) for k in range(4)])
@@ -74,7 +74,7 @@ def test_constant_pair_in_units_in_which_its_rows_compare():
     np.testing.assert_allclose(other.singular, found.singular, rtol=1e-2)
 
 
-def test_constant_pair_with_a_direction_that_nothing_shows():
+def test_constant_rank_reports_hidden_directions():
     A, C = np.array([[0, 1.0, 0], [0, -2.0, 0], [1.0, 0, 0]]), np.array([[0, 1.0, 0], [0, 2.0, 0]])
     found = constant_rank(A, C, scale=[10.0, 1.0, 3.0])
     assert found.rank == 1

@@ -1,4 +1,4 @@
-"""Distances against a dumb search over densely drawn outlines; and files that are refused with what to write."""
+"""Distances against a brute-force search over dense outlines; and the errors for invalid files."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def outline():
     return np.vstack([*(np.transpose(c) for c in circles), *edges])
 
 
-def test_clearance_is_the_distance_from_the_nearest_edge():
+def test_clearance_is_distance_to_the_nearest_edge():
     rng = np.random.default_rng(1)
     places = rng.uniform([-4, -5], [4, 5], (300, 2))
     nearest = [np.hypot(*(outline() - p).T).min() for p in places]
@@ -47,15 +47,15 @@ def test_clearance_is_the_distance_from_the_nearest_edge():
         ((-2, -1.9), False),
     ],
 )
-def test_it_is_negative_inside(place, inside):
+def test_clearance_is_negative_inside_obstacles(place, inside):
     assert (FLOOR.clearance([place])[0] < 0) == inside
 
 
-def test_an_empty_floor_has_only_its_edges():
+def test_empty_floor_clearance_is_distance_to_its_edges():
     assert ObstacleFloor((0, 2), (0, 6), np.zeros((0, 3))).clearance([(0.5, 3)])[0] == pytest.approx(0.5)
 
 
-def test_a_file_is_read(tmp_path):
+def test_reads_task_from_toml_file(tmp_path):
     text = "[floor]\nnorth = [-4, 4]\neast = [-4, 4]\n[craft]\nradius = 0.4\n[start]\nnorth = -3\neast = -3\n"
     file = tmp_path / "hall.toml"
     file.write_text(text + "[goal]\nnorth = 3\neast = 3\n[[circle]]\nnorth = 0\neast = 0\nradius = 0.8\n")
@@ -77,18 +77,18 @@ def test_a_file_is_read(tmp_path):
         ({"start": {"north": -3, "east": -3, "heading": "90 m"}}, "heading"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(change, says):
+def test_rejects_invalid_values(change, says):
     with pytest.raises(InputError, match=says):
         parse_task(CONTENT | change)
 
 
 @pytest.mark.parametrize("section", ["floor", "craft", "start", "goal"])
-def test_what_is_missing_is_named(section):
+def test_names_missing_section(section):
     with pytest.raises(InputError, match=rf"\[{section}\] is missing"):
         parse_task({k: v for k, v in CONTENT.items() if k != section})
 
 
-def test_no_file_and_no_toml(tmp_path):
+def test_rejects_missing_file_and_invalid_toml(tmp_path):
     with pytest.raises(InputError, match="the file does not exist"):
         read_task(tmp_path / "none.toml")
     (tmp_path / "bad.toml").write_text("floor = ")

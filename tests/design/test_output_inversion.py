@@ -26,7 +26,7 @@ def inversion(model):
 
 
 @pytest.mark.thorough
-def test_it_is_a_motion_of_the_vehicle_itself(model, inversion):
+def test_inverted_motion_satisfies_the_vehicle_equations(model, inversion):
     course, found = inversion
     np.testing.assert_allclose(found.x[:, 0], course.derivatives["position"][0], atol=1e-9)
     rates = np.array([np.asarray(model.f(x, u)) for x, u in zip(found.x[::50], found.u[::50], strict=True)])
@@ -36,7 +36,7 @@ def test_it_is_a_motion_of_the_vehicle_itself(model, inversion):
 
 
 @pytest.mark.thorough
-def test_the_pole_leans_before_the_cart_goes(inversion):
+def test_pole_leans_before_the_cart_moves(inversion):
     """Zeros at ±sqrt(g/l): before anything is to be seen of the output it grows with that exponent."""
     _, found = inversion
     before = (TIMES > 1.2) & (TIMES < 1.9)
@@ -46,7 +46,7 @@ def test_the_pole_leans_before_the_cart_goes(inversion):
 
 
 @pytest.mark.thorough
-def test_flown_open_loop_over_a_short_way_it_stays_on_it(model, inversion):
+def test_open_loop_flight_follows_the_inverse_briefly(model, inversion):
     _, found = inversion
     part = slice(900, 1301)  # 0.8 s of an unstable vehicle
 
@@ -59,7 +59,7 @@ def test_flown_open_loop_over_a_short_way_it_stays_on_it(model, inversion):
 
 
 @pytest.mark.thorough
-def test_a_course_is_smooth_and_is_refused_where_it_is_short(model):
+def test_smooth_course_is_smooth_and_rejects_bad_arguments(model):
     course = smooth_course(TIMES, {"position": (1.0, 3.0)}, 1.0, 5.0, order=3)
     y = course.derivatives["position"]
     assert (y[0, 0], y[0, -1]) == (1.0, pytest.approx(3.0))
@@ -73,7 +73,7 @@ def test_a_course_is_smooth_and_is_refused_where_it_is_short(model):
 
 
 @pytest.mark.thorough
-def test_it_is_what_a_collocation_of_the_boundary_value_problem_finds(inversion):
+def test_inversion_matches_scipy_boundary_value_solution(inversion):
     """Lean of the pole over an acceleration of its cart that is given: scipy's solve_bvp, bounded by its ends.
 
     Before the course it leaves rest along the unstable direction, after it it comes back along the stable one.
@@ -108,7 +108,7 @@ def inside(slow):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("slow", [-0.02, 0.02])
-def test_places_go_forward_from_their_start_as_a_collocation_has_them(slow):
+def test_internal_integrators_match_scipy_boundary_value_solution(slow):
     """scipy's solve_bvp: what runs away by its end, though it takes 50 s to; all else by its start."""
     states = ("y", "v", "z", "s", "a", "b")
     x0 = np.array([0.0, 0.0, 0.0, 0.0, 1.0, -2.0])
@@ -136,7 +136,7 @@ def test_places_go_forward_from_their_start_as_a_collocation_has_them(slow):
     assert np.ptp(found.x[seen, 5]) > (5 if slow < 0 else 1)
 
 
-def test_what_neither_fades_nor_grows_and_feeds_back_is_refused_by_name():
+def test_rejects_undamped_internal_mode_by_name():
     def swinging(x, u):
         return jnp.stack([u[0], x[2], x[0] - x[1]])
 
@@ -147,7 +147,7 @@ def test_what_neither_fades_nor_grows_and_feeds_back_is_refused_by_name():
 
 
 @pytest.mark.parametrize("output", [0, 1])
-def test_a_chain_without_internal_modes_is_inverted(output):
+def test_inverts_chain_without_internal_modes(output):
     """Three integrators: their first state has no internal coordinate, their second leaves a place."""
     model = model_of_functions(
         lambda x, u: jnp.stack([x[1], x[2], u[0]]), ("x0", "x1", "x2"), ("u",), h=lambda x, u: x[output : output + 1]

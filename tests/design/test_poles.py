@@ -8,18 +8,18 @@ from trimtab.design.poles import balance_matrix, format_pole, participation, sor
 rng = np.random.default_rng(4)
 
 
-def test_sorted_by_falling_real_part_with_the_upper_of_a_pair_first():
+def test_poles_are_sorted_by_falling_real_part():
     companion = np.array([[-6.0, -13.0, -10.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # (s + 2)(s^2 + 4 s + 5)
     np.testing.assert_allclose(sorted_poles(companion), [-2, -2 + 1j, -2 - 1j], atol=1e-7)
     np.testing.assert_array_equal(sorted_poles(np.diag([-3.0, 2.0, 0.0])), [2, 0, -3])
 
 
-def test_text_of_a_pole_and_of_a_pair():
+def test_formats_real_poles_and_complex_pairs():
     assert format_pole(complex(-1.5)) == "-1.5 1/s"
     assert format_pole(0.25 - 3j) == format_pole(0.25 + 3j) == "+0.25 ± 3i 1/s"
 
 
-def test_balancing_is_a_similarity_by_powers_of_two():
+def test_balancing_is_a_power_of_two_similarity():
     A = rng.normal(size=(4, 4)) * np.outer([1, 1e4, 1e-3, 50], 1 / np.array([1, 1e4, 1e-3, 50]))
     B = balance_matrix(A)
     scale = np.log2(np.abs(B / A))
@@ -38,7 +38,7 @@ def test_participation_is_the_product_of_left_and_right_eigenvector():
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-6, 1e6])
-def test_what_no_input_moves_is_found_in_any_coordinates(scale):
+def test_finds_uncontrollable_poles_in_any_coordinates(scale):
     A, B = np.array([[1.0, 2.0, 0.5], [0.0, -1.0, 0.3], [0.0, 0.0, -4.0]]), np.array([[1.0], [1.0], [0.0]])
     T = rng.normal(size=(3, 3)) + 3 * np.eye(3)
     poles = uncontrollable_poles(scale * T @ A @ np.linalg.inv(T), T @ B)

@@ -1,4 +1,4 @@
-"""Lines of a proof: each is evaluated, and says its number."""
+"""Conditions of a proof: each is evaluated and reports its number."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def raise_error(error):
     "error",
     [ZeroDivisionError("no inverse"), np.linalg.LinAlgError("no inverse"), InputError("x", "no inverse", fix="y")],
 )
-def test_a_line_that_cannot_be_computed_fails_and_hides_none(error):
+def test_condition_that_raises_fails_without_hiding_others(error):
     proof = evaluate_lines([("a", lambda: raise_error(error)), ("b", lambda: GOOD)])
     assert not proof.holds
     assert [(c.name, c.holds) for c in proof.conditions] == [("a", False), ("b", True)]
@@ -26,7 +26,7 @@ def test_a_line_that_cannot_be_computed_fails_and_hides_none(error):
     assert evaluate_lines([("b", lambda: GOOD)]).holds
 
 
-def test_a_margin_is_proved_and_below_the_true_one():
+def test_proved_margin_is_below_the_true_margin():
     rng = np.random.default_rng(0)
     M = rng.standard_normal((5, 5))
     M = M @ M.T
@@ -39,7 +39,7 @@ def test_a_margin_is_proved_and_below_the_true_one():
         assert 0.95 * true < line.number < true
 
 
-def test_a_margin_that_floats_cannot_tell_is_none():
+def test_margin_below_float_resolution_is_zero():
     M = exact.as_fractions(np.ones((2, 2)))
     M[1, 1] += exact.as_fractions([2.0**-80])[0]
     line = definite_condition(M, "ab")
@@ -50,13 +50,13 @@ def test_a_margin_that_floats_cannot_tell_is_none():
     assert line.why == f"pivot at b is {-(2.0**-80):.6g}"
 
 
-def test_what_is_not_symmetric_is_named():
+def test_asymmetric_entry_is_named():
     line = definite_condition(np.array([[2.0, 0.5], [0.25, 2.0]]), "ab")
     assert (line.holds, line.number) == (False, 0.25)
     assert line.why == "not symmetric: a, b is 0.5, b, a is 0.25"
 
 
-def test_identities_name_their_worst_entry():
+def test_failed_identity_names_its_worst_entry():
     term = np.array([[1.0, 2.0], [3.0, 4.0]])
     assert identity_condition(1e-10 * term, term, ("ab", "cd")).holds
     line = identity_condition(np.array([[0.0, 0.0], [1e-6, 0.0]]), term, ("ab", "cd"))

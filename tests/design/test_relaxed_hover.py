@@ -13,7 +13,7 @@ from trimtab.vehicles.quadrotor import Multirotor, MultirotorState, RotorSpeeds
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("lost", range(4))
-def test_it_spins_on_without_falling(lost):
+def test_relaxed_hover_spins_without_falling(lost):
     hover = find_relaxed_hover(CRAFT, lost, 0.3)
     craft = replace(to_arrays(CRAFT), lag=0.0, drag=np.zeros(3))
     speed = np.asarray(craft.rotors.speeds(hover.thrusts))
@@ -36,7 +36,7 @@ def test_it_spins_on_without_falling(lost):
     assert hover.thrusts[(lost + 2) % 4] == pytest.approx(0.3 * hover.thrusts[(lost + 1) % 4])
 
 
-def test_it_spins_as_the_rotors_that_are_left_drive_it():
+def test_spin_direction_follows_the_remaining_rotors():
     for lost, spin in enumerate(np.asarray(CRAFT.rotors.spins)):
         hover = find_relaxed_hover(CRAFT, lost, 0.3)
         assert np.sign(hover.rate[2]) == spin, "two of the others turn against the lost one; the body against them"
@@ -46,6 +46,6 @@ def test_it_spins_as_the_rotors_that_are_left_drive_it():
     assert (axes[:, 2] > 0.9).all()
 
 
-def test_without_drag_about_its_axis_there_is_none():
+def test_rejects_craft_without_turning_drag():
     with pytest.raises(InputError, match="turning_drag"):
         find_relaxed_hover(Multirotor(), 0)

@@ -1,4 +1,4 @@
-"""Ways keep their room, rest at both ends, are as long as they must be; and a gap that is too narrow is measured."""
+"""Routes keep their clearance, rest at both ends and are short; a gap that is too narrow is measured."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def check_way(task, route, tempo=None):
     assert np.abs(pull).max() <= tempo.along * 1.3
 
 
-def test_nothing_in_the_way_is_a_straight_line():
+def test_route_on_empty_floor_is_straight():
     route = find_route(task(EMPTY))
     check_way(task(EMPTY), route)
     length = np.hypot(*np.diff(route.places, axis=0).T).sum()
@@ -40,8 +40,8 @@ def test_nothing_in_the_way_is_a_straight_line():
 
 
 @pytest.mark.thorough
-def test_random_floors():
-    """Every way that is given keeps its room; a floor without one is refused."""
+def test_routes_on_random_floors_keep_clearance():
+    """Every route that is found keeps its clearance; a floor without a route is rejected."""
     rng = np.random.default_rng(4)
     refused = 0
     for _ in range(12):
@@ -55,7 +55,7 @@ def test_random_floors():
 
 
 @pytest.mark.parametrize("gap", [0.5, 0.7])
-def test_too_narrow_a_gap_is_measured(gap):
+def test_narrow_gap_error_reports_the_gap_width(gap):
     with pytest.raises(InputError, match=r"no route for a craft of radius 0\.4 m: the widest passage is") as refusal:
         find_route(task(wall(gap)))
     widest = float(str(refusal.value).split("widest passage is ")[1].split()[0])
@@ -63,14 +63,14 @@ def test_too_narrow_a_gap_is_measured(gap):
     assert f"{2 * (0.4 + MARGINS[-1]):.2f} m are needed" in str(refusal.value)
 
 
-def test_a_gap_wide_enough_is_passed_with_the_room_there_is():
+def test_route_passes_gap_with_reduced_margin():
     given = task(wall(1.2))
     route = find_route(given)
     check_way(given, route)
     assert route.margin < MARGINS[0]
 
 
-def test_no_gap_at_all_leaves_nothing():
+def test_closed_wall_reports_zero_passage_width():
     with pytest.raises(InputError, match=r"the widest passage is 0.00 m"):
         find_route(task(EMPTY._replace(polygons=(np.array([[-0.1, -4.5], [0.1, -4.5], [0.1, 4.5], [-0.1, 4.5]]),))))
 
@@ -79,6 +79,6 @@ def test_no_gap_at_all_leaves_nothing():
     ("start", "goal", "says"),
     [((-3.9, 0), (2, 2), "the start -3.9 0 is 0.10 m from"), ((-2, -2), (5, 0), "the goal 5 0 lies in an obstacle or")],
 )
-def test_ends_without_room_are_named(start, goal, says):
+def test_rejects_start_or_goal_without_clearance(start, goal, says):
     with pytest.raises(InputError, match=says):
         find_route(task(EMPTY, start=start, goal=goal))

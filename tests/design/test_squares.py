@@ -1,4 +1,4 @@
-"""Sums of squares: completed, checked, and refused where they are none."""
+"""Sums of squares: completed, checked, and rejected where the polynomial is not one."""
 
 from fractions import Fraction
 
@@ -37,7 +37,7 @@ def proof(*terms, scale=ONE):
     return SquaresProof(scale, terms)
 
 
-def test_squares_are_completed_exactly():
+def test_completes_squares_exactly_and_rejects_indefinite_forms():
     p = a * x**2 + 2 * a * x * y + (a + b) * y**2 + 3
     squares = complete_squares(p, PLANE)
     assert squares.value() == p
@@ -48,7 +48,7 @@ def test_squares_are_completed_exactly():
             complete_squares(indefinite, PLANE)
 
 
-def test_squares_about_another_point():
+def test_completes_squares_about_a_nonzero_point():
     there = Region(("x", "y"), ("a",), {"x": a, "y": constant(2)})
     p = (x - a) ** 2 + a * (y - 2 + x - a) ** 2
     squares = complete_squares(p, there)
@@ -57,7 +57,7 @@ def test_squares_about_another_point():
     assert "not only at rest" in find_fault(Claim("p", p, {}, DEFINITE), proof(squares), PLANE)
 
 
-def test_definite_means_at_rest_only():
+def test_definite_claim_requires_zero_only_at_rest():
     flat = Claim("flat", (x - y) ** 2, {}, DEFINITE)
     whole = proof(by_squares((ONE, x - y)))
     assert find_fault(flat, whole, PLANE) == "the sum is zero not only at rest but at y = x"
@@ -65,13 +65,13 @@ def test_definite_means_at_rest_only():
     assert not has_growing_forms(whole, PLANE)
 
 
-def test_what_does_not_grow_in_every_direction():
-    """x^2 + (x y - 1)^2 is known to be positive everywhere, but comes as near to zero as one likes."""
+def test_detects_forms_that_do_not_grow_everywhere():
+    """x^2 + (x y - 1)^2 is positive everywhere, but its infimum is zero."""
     assert not has_growing_forms(proof(by_squares((ONE, x), (ONE, x * y - 1))), PLANE)
     assert has_growing_forms(proof(by_squares((ONE, x + y), (a, y), (ONE, x**3))), PLANE)
 
 
-def test_a_quartic_by_its_gram_matrix():
+def test_gram_matrix_proves_a_positive_quartic():
     """Parrilo 2003, example 3.5: 2 x^4 + 2 x^3 y - x^2 y^2 + 5 y^4."""
     p = 2 * x**4 + 2 * x**3 * y - x**2 * y**2 + 5 * y**4
     z = (x * x, y * y, x * y)
@@ -85,7 +85,7 @@ def test_a_quartic_by_its_gram_matrix():
     assert "not positive definite" in find_fault(Claim("p", p, {}, DEFINITE), proof(bad), PLANE)
 
 
-def test_hypotheses_are_used_as_they_are_given():
+def test_proof_uses_given_hypotheses():
     """1 - x > 0 and 1 + x > 0 imply 1 - x^2 > 0: (1 - x)^2 (1 + x) + (1 + x)^2 (1 - x) = 2 (1 - x^2)."""
     claim = Claim("inside", 1 - x * x, {"right": 1 - x, "left": 1 + x}, NONNEGATIVE)
     terms = (by_squares((ONE, 1 - x), times="left"), by_squares((ONE, 1 + x), times="right"))
@@ -97,7 +97,7 @@ def test_hypotheses_are_used_as_they_are_given():
     )
 
 
-def test_weights_and_scales_are_positive_or_refused():
+def test_rejects_nonpositive_weights_and_scales():
     claim = Claim("p", a * x**2, {}, NONNEGATIVE)
     assert find_fault(claim, proof(by_squares((a, x))), PLANE) == ""
     assert "weight" in find_fault(claim, proof(by_squares((a + b, x), (-b, x))), PLANE)

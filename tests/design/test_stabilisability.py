@@ -56,7 +56,7 @@ def test_byrnes_isidori_excludes_a_smooth_stabiliser():
 
 @pytest.mark.thorough("0.001")
 @pytest.mark.parametrize("scale", [1e-3, 1e-2])
-def test_brockett_is_solvable_only_on_a_line(scale):
+def test_hovercraft_rates_are_reachable_only_on_a_line(scale):
     """Exact: (b1, b2, b3, 0) is reached if and only if b3 = -d b2. [1] section 2.3."""
     draws = np.random.default_rng(3).uniform(-scale, scale, (5, 3))
     for b1, b2, off in draws:
@@ -65,7 +65,7 @@ def test_brockett_is_solvable_only_on_a_line(scale):
 
 
 @pytest.mark.thorough
-def test_brockett_verdict():
+def test_brockett_excludes_smooth_stabiliser_of_hovercraft():
     """Controllability rank 3 of 4 with the eigenvalue 0 left over, and the image has holes."""
     v = brockett(turning, 4, 2)
     assert v.controllability_rank == 3
@@ -77,7 +77,7 @@ def test_brockett_verdict():
     assert np.any(np.abs(along @ hole) > 1 - 1e-9)
 
 
-def test_the_jacobian_of_f2_is_that_of_the_source():
+def test_jacobian_of_f2_matches_the_source():
     """[1] section 2.3: df2/dx1 at the origin is [[0, 0, 1/J], [1/m, 0, 0], [0, 1/m, 0]]."""
     step = 1e-6
     columns = [(np.asarray(f2(step * e, jnp.zeros(3)))) / step for e in np.eye(3)]
@@ -85,7 +85,7 @@ def test_the_jacobian_of_f2_is_that_of_the_source():
 
 
 @pytest.mark.thorough
-def test_a_third_actuator_lifts_the_exclusion():
+def test_third_actuator_lifts_the_exclusion():
     def f1_full(x1, u):
         return f1(x1, u[:2]) + jnp.array([0.0, 0.0, 1.0]) * u[2]
 
@@ -94,7 +94,7 @@ def test_a_third_actuator_lifts_the_exclusion():
     assert not v.is_excluded
 
 
-def test_h1_and_h2_fail_where_they_should():
+def test_byrnes_isidori_hypotheses_fail_on_counterexamples():
     # x2' = x1^2 has no slope at 0; x2' = x1 + x2 vanishes along a line
     flat = byrnes_isidori(lambda x, u: u[:1] * 0, lambda a, b: a**2, 1, 1, 1)
     assert (flat.h1, flat.h2, flat.is_excluded) == (False, False, False)
@@ -117,7 +117,7 @@ def test_brockett_on_systems_with_a_known_verdict():
     np.testing.assert_allclose(stuck.uncontrollable_unstable, [1.0])
 
 
-def test_controllability_against_kalman_and_hautus():
+def test_controllability_matches_kalman_and_hautus_results():
     A, B = np.array([[1.0, 0.0], [0.0, 2.0]]), np.array([[1.0], [0.0]])
     assert controllability_rank(A, B) == 1
     np.testing.assert_allclose(uncontrollable_eigenvalues(A, B), [2.0])
@@ -129,7 +129,7 @@ def cascade(f, states, inputs="u"):
     return find_cascade(model_of_functions(f, tuple(states.split()), tuple(inputs.split())))
 
 
-def test_the_cascade_takes_in_what_the_rates_depend_on():
+def test_cascade_includes_states_that_drive_the_rates():
     """a' = b + u, b' = -b, c' = a b: b belongs to x1, as a' depends on it; c drives nothing."""
     assert cascade(lambda x, u: jnp.stack([x[1] + u[0], -x[1], x[0] * x[1]]), "a b c") == Cascade((0, 1), (2,))
     assert cascade(lambda x, u: jnp.stack([x[2] + u[0], -x[1], x[0] * x[1]]), "a b c") is None
@@ -137,7 +137,7 @@ def test_the_cascade_takes_in_what_the_rates_depend_on():
 
 
 @pytest.mark.thorough
-def test_smooth_feedback_of_models():
+def test_smooth_feedback_verdict_depends_on_input_count():
     """One input for two states that drive two others is too few; a chain of two integrators is fine."""
     lacking = model_of_functions(lambda x, u: jnp.stack([u[0] + x[1], -x[1], x[0], x[1]]), ("a", "b", "c", "d"), ("u",))
     found = smooth_feedback(lacking)
@@ -147,7 +147,7 @@ def test_smooth_feedback_of_models():
     assert not fine.is_excluded
 
 
-def test_the_rank_keeps_weak_directions():
+def test_controllability_rank_keeps_weak_directions():
     """A chain whose powers fall by 1e-4 each time: Kalman's matrix loses the last ones in rounding."""
     A, B = 1e-4 * np.eye(6, k=-1), np.eye(6)[:, :1]
     assert controllability_rank(A, B) == 6

@@ -14,7 +14,7 @@ from trimtab.design.stable_inversion import (
 )
 
 
-def test_one_unstable_mode_driven_by_a_ramp():
+def test_ramp_driven_unstable_mode_has_exact_bounded_solution():
     """z' = 2 z + t: -t/2 - 1/4 is the only bounded one (up to the ramp), and w is linear: exact."""
     t = np.linspace(0, 4, 81)
     wanted = -t / 2 - 0.25
@@ -29,7 +29,7 @@ def test_one_unstable_mode_driven_by_a_ramp():
 
 
 @pytest.mark.parametrize("dt", [0.02, 0.01])
-def test_complex_and_repeated_poles_on_both_sides(dt):
+def test_bounded_solution_with_complex_and_repeated_poles(dt):
     """z' = A z + b cos 1.3 t with poles -1 (twice, one eigenvector), 1 +- 3i: Re((1.3 i - A)^-1 b e^(1.3 i t))."""
     blocks = np.zeros((4, 4))
     blocks[:2, :2], blocks[2:, 2:] = [[-1, 1], [0, -1]], [[1, 3], [-3, 1]]
@@ -76,7 +76,7 @@ def aircraft(t):
 AIRCRAFT = np.array([[0.0, 1.0], [1 / SMALL, 0.0]])
 
 
-def test_planar_aircraft_against_its_closed_form():
+def test_planar_aircraft_matches_its_closed_form():
     """Nonlinear, poles +-1.83, roll of 29 deg: the iteration finds the roll that the motion was made from."""
     for dt, off in ((0.02, 2e-4), (0.005, 1.25e-5)):
         t = dt * np.arange(round(20 / dt) + 1)
@@ -89,7 +89,7 @@ def test_planar_aircraft_against_its_closed_form():
     np.testing.assert_allclose(bounded_residual(found, 0.005), 0, atol=1e-4)
 
 
-def test_where_the_jacobian_is_taken_does_not_matter():
+def test_bounded_solution_does_not_depend_on_the_jacobian():
     """Other poles, the same solution."""
     t = 0.01 * np.arange(2001)
     ends = {"left": np.zeros(2), "right": np.zeros(2), "scales": np.ones(2)}
@@ -101,8 +101,8 @@ def test_where_the_jacobian_is_taken_does_not_matter():
     assert one.iterations != two.iterations
 
 
-def test_forward_integration_of_the_same_goes_to_infinity():
-    """The reason for all this: started right to 1e-9, the roll is off by more than 1 rad before the pulse is over."""
+def test_forward_integration_of_the_same_problem_diverges():
+    """Why stable inversion is needed: an initial error of 1e-9 grows to more than 1 rad before the pulse is over."""
 
     def forward(t, z):
         return aircraft(np.array([t]))(z[None])[0]
@@ -137,14 +137,14 @@ def linear(**changes):
         ({"scales": [-1.0]}, "scales: must be above 0"),
     ],
 )
-def test_wrong_input_is_refused(changes, text):
+def test_bounded_solution_rejects_invalid_arguments(changes, text):
     np.testing.assert_allclose(linear().zeta[:, 0], 1 - np.exp(-0.1 * np.arange(11)), atol=1e-12)
     with pytest.raises(InputError, match=text):
         linear(**changes)
 
 
-def test_a_place_is_its_rate_integrated_from_the_left():
-    """A zero that feeds nothing back is no pole on the axis: of a rate of 1 + 2 t there is t + t^2, exactly."""
+def test_pure_integrator_is_integrated_from_the_left():
+    """A pole at zero without feedback is an integrator: a rate of 1 + 2 t gives t + t^2 exactly."""
     t = 0.1 * np.arange(11)
     found = linear(A=[[0.0]], psi=lambda z: (1 + 2 * t)[:, None], left=[3.0], right=[np.pi])
     np.testing.assert_allclose(found.zeta[:, 0], 3 + t + t**2, atol=1e-12)
@@ -153,26 +153,26 @@ def test_a_place_is_its_rate_integrated_from_the_left():
     assert find_places([[0, 1, 0], [0, 0, 1], [0, 0, -1.0]]) == (0, 1)
 
 
-def test_poles_on_the_axis_are_named():
+def test_rejects_poles_on_the_imaginary_axis():
     with pytest.raises(InputError, match=r"imaginary axis: .*2j"):
         linear(A=[[0.0, 2.0], [-2.0, 0.0]], start=np.zeros((11, 2)), left=[0, 0], right=[0, 0], scales=[1, 1])
 
 
 @pytest.mark.parametrize("psi", [lambda z: -z - 9 * z + 3, lambda z: z**3 - z + 40])
-def test_an_iteration_that_does_not_settle_fails_with_its_numbers(psi):
-    """Psi much stiffer than A says, or growing with its own size."""
+def test_diverging_iteration_error_lists_successive_changes(psi):
+    """psi is much stiffer than A, or grows with its own size."""
     with pytest.raises(InputError, match=r"successive changes, in scales: [\d.e+]+, [\d.e+]+") as told:
         linear(psi=psi, start=np.zeros((101, 1)))
     assert "slower or smaller" in str(told.value)
 
 
-def test_a_sine_into_an_unstable_system():
+def test_sine_driven_unstable_system_matches_closed_form():
     """z' = 2 z + sin t: the bounded solution is -(2 sin t + cos t)/5."""
     X = solve_steady_response([[2.0]], [[0.0, 1.0], [-1.0, 0.0]], [[1.0, 0.0]])
     np.testing.assert_allclose(X, [[-0.4, -0.2]], atol=1e-15)
 
 
-def test_it_solves_the_equation_and_moves_as_the_system_does():
+def test_steady_response_solves_sylvester_and_follows_simulation():
     draws = np.random.default_rng(4)
     A, G = draws.normal(size=(4, 4)), draws.normal(size=(4, 3))
     S = exosystem_matrix(0.7, 3)
@@ -189,7 +189,7 @@ def test_it_solves_the_equation_and_moves_as_the_system_does():
 
 
 @pytest.mark.parametrize("order", [1, 3, 4])
-def test_filter_matrix_has_its_poles_and_its_step_response(order):
+def test_exosystem_matrix_has_expected_poles_and_step_response(order):
     S = exosystem_matrix(0.06, order)
     np.testing.assert_allclose(np.poly(S), np.poly([-0.06] * order), rtol=1e-12)
     start = -np.eye(order)[0]
@@ -208,6 +208,6 @@ def test_filter_matrix_has_its_poles_and_its_step_response(order):
         ([[np.nan]], [[0.0]], [[1.0]], "A: must be finite numbers"),
     ],
 )
-def test_wrong_input_of_the_steady_response_is_refused(A, S, G, text):
+def test_steady_response_rejects_invalid_arguments(A, S, G, text):
     with pytest.raises(InputError, match=text):
         solve_steady_response(A, S, G)

@@ -1,4 +1,4 @@
-"""Files that say what is not so: every one is refused by `trimtab design --check`, and honest ones are accepted.
+"""False certificates: `trimtab design --check` rejects every one, and accepts unmodified files.
 
 Each tampered file is one of the shipped vehicle with one thing changed, the digest made anew where the file can still
 be read. What must be in the answer stands beside each change.
@@ -51,7 +51,7 @@ def put(content, path, value):
 
 
 def matrix_changes():
-    """Name -> (matrix -> changed matrix): sizes, signs, places, numbers that are none."""
+    """Name -> (matrix -> changed matrix): sizes, signs, places and NaN."""
 
     def at_largest(change):
         def changed(M):
@@ -68,8 +68,8 @@ def matrix_changes():
         "all signs": lambda M: -M,
         "huge": at_largest(lambda v: 1e40),
         "tiny": at_largest(lambda v: 1e-40),
-        "turned round": lambda M: M[::-1, ::-1] if M.size > 1 else M + 1e-3,
-        "no number": at_largest(lambda v: float("nan")),
+        "reversed": lambda M: M[::-1, ::-1] if M.size > 1 else M + 1e-3,
+        "not a number": at_largest(lambda v: float("nan")),
     }
 
 
@@ -134,7 +134,7 @@ def swap_states(c):
 CASES = {
     f"{path}, {name}": (change_matrix(path, change), FIELDS[path] if "number" not in name else "not a number")
     for (path, (name, change)) in itertools.product(FIELDS, matrix_changes().items())
-    if not (name == "turned round" and path in ("Re",))
+    if not (name == "reversed" and path in ("Re",))
 }
 CASES |= {
     f"scale[{i}] = {size:g}": (lambda c, i=i, size=size: c["scale"].__setitem__(i, size), "scale")
@@ -170,8 +170,8 @@ CASES |= {
     "weight below the least": (lambda c: c["observer"].update(weight=200.0), "(15)"),
     "weight negative": (lambda c: c["observer"].update(weight=-1.0), "(15)"),
     "poles moved left": (lambda c: c["poles"][0].__setitem__(0, -5.0), "poles of A + B K"),
-    "a pole twice": (lambda c: c["poles"].__setitem__(0, c["poles"][-1]), "poles of A + B K"),
-    "a pole fewer": (lambda c: c["poles"].pop(), "poles"),
+    "duplicate pole": (lambda c: c["poles"].__setitem__(0, c["poles"][-1]), "poles of A + B K"),
+    "missing pole": (lambda c: c["poles"].pop(), "poles"),
     "poles of the filter moved": (lambda c: c["observer"]["poles"][0].__setitem__(0, -9.0), "poles of A_eta"),
     "kappa_G edited": (half_recorded("kappa_G"), "kappa_G, as recorded"),
     "rho0 edited": (half_recorded("rho0 (ft/s^2)"), "rho0 (ft/s^2), as recorded"),
@@ -179,7 +179,7 @@ CASES |= {
     "determinant edited": (half_recorded("least |det dv/du|"), "least |det dv/du|, as recorded"),
     "kappa_G left out": (lambda c: c["recorded"].pop("kappa_G"), "kappa_G, as recorded"),
     "every number left out": (lambda c: c.update(recorded={}), "rho1 (ft/s^2), as recorded"),
-    "a number more": (lambda c: c["recorded"].update(phase_margin=60.0), "no other number recorded"),
+    "extra recorded number": (lambda c: c["recorded"].update(phase_margin=60.0), "no other number recorded"),
     "a limit in the file": (
         lambda c: c["recorded"].update(kappa_G={"value": 1.2, "low": 0.0, "high": 2.0, "how": "by hand"}),
         "recorded.kappa_G",
@@ -191,11 +191,11 @@ CASES |= {
     "another name": (lambda c: c.update(system="hovercraft"), "not in the package"),
     "a name with a path": (lambda c: c.update(system="../hypersonic"), "not in the package"),
     "another altitude": (lambda c: c["about"].update(h_ft=85001.0), "A" + OF),
-    "an altitude outside": (lambda c: c["about"].update(h_ft=300e3), "h_ft"),
+    "altitude out of range": (lambda c: c["about"].update(h_ft=300e3), "h_ft"),
     "no altitude": (lambda c: c["about"].pop("h_ft"), "lacks about.h_ft"),
     "an altitude in words": (lambda c: c["about"].update(h_ft="high"), "must be a finite number, got 'high'"),
     "another trim": (lambda c: c["about"].update(alpha_rad=0.02644), "settings and point"),
-    "a setting more": (lambda c: c["about"].update(note="certified by nobody"), "settings and point"),
+    "extra setting": (lambda c: c["about"].update(note="certified by nobody"), "settings and point"),
     "another filter by name": (lambda c: c["about"].update(filter="accurate"), "Q_eta" + OF),
     "no filter by name": (lambda c: c["about"].update(filter="none"), "estimated states"),
     "integral action by name": (lambda c: c["about"].update(integral="true"), "states are those"),
@@ -208,25 +208,28 @@ CASES |= {
         lambda c: c["about"].update(mode_error=0.15),
         "every plant of the modes' box decays",
     ),
-    "an uncertainty of nothing": (lambda c: c["about"].update(uncertainty=0.0), "kappa_G, as recorded"),
+    "zero uncertainty": (lambda c: c["about"].update(uncertainty=0.0), "kappa_G, as recorded"),
     "the other method": (lambda c: c.update(method="lmi", Q=None), "method" + OF),
-    "must be a version": (lambda c: c.pop("version"), "lacks 'version'"),
-    "the format before": (lambda c: c.update(format="trimtab certificate 1"), "writes a new one"),
-    "the format to come": (lambda c: c.update(format="trimtab certificate 3"), "is not a certificate"),
+    "no version": (lambda c: c.pop("version"), "lacks 'version'"),
+    "previous format": (lambda c: c.update(format="trimtab certificate 1"), "writes a new one"),
+    "future format": (lambda c: c.update(format="trimtab certificate 3"), "is not a certificate"),
     "no digest": (lambda c: c.pop("digest"), "lacks 'digest'"),
 } | {f"no {key}": (lambda c, key=key: c.pop(key), f"lacks '{key}'") for key in ("A", "K", "P", "Qe", "scale", "about")}
 TEXTS = {
     "truncated": (lambda text: text[: len(text) // 2], "is not valid JSON"),
     "truncated by one": (lambda text: text.rstrip()[:-1], "is not valid JSON"),
     "empty": (lambda text: "", "is not valid JSON"),
-    "a key twice": (lambda text: text.replace('"method":', '"method": "lmi",\n "method":', 1), "twice"),
-    "the gain twice": (lambda text: text.replace(' "K":', ' "K": [],\n "K":', 1), "'K' appears twice"),
-    "no number, in words": (lambda text: text.replace("[0.0,", "[NaN,", 1), "is not a number"),
-    "an endless number": (lambda text: text.replace("[0.0,", "[Infinity,", 1), "is not a number"),
+    "duplicate key": (lambda text: text.replace('"method":', '"method": "lmi",\n "method":', 1), "twice"),
+    "duplicate gain": (lambda text: text.replace(' "K":', ' "K": [],\n "K":', 1), "'K' appears twice"),
+    "NaN entry": (lambda text: text.replace("[0.0,", "[NaN,", 1), "is not a number"),
+    "infinite entry": (lambda text: text.replace("[0.0,", "[Infinity,", 1), "is not a number"),
     "a number in quotes": (lambda text: text.replace("[0.0,", '["0.0",', 1), "must be numbers of shape"),
-    "a number as truth": (lambda text: text.replace("[0.0,", "[false,", 1), "must be numbers of shape"),
-    "a digest of another": (lambda text: text.replace('"digest": "', '"digest": "0', 1), "since it was written"),
-    "a digit, digest kept": (lambda text: text.replace("85000.0", "85000.00000000001", 1), "since it was written"),
+    "boolean entry": (lambda text: text.replace("[0.0,", "[false,", 1), "must be numbers of shape"),
+    "wrong digest": (lambda text: text.replace('"digest": "', '"digest": "0', 1), "since it was written"),
+    "changed digit with the old digest": (
+        lambda text: text.replace("85000.0", "85000.00000000001", 1),
+        "since it was written",
+    ),
 }
 
 
@@ -248,13 +251,13 @@ def text():
     return certificate_json(hypersonic.certificate(mode_error=0.0))  # one box of modes: quick
 
 
-def test_there_are_enough_of_them():
+def test_at_least_100_tampered_cases_exist():
     assert len(CASES) + len(TEXTS) >= 100
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("case", CASES)
-def test_a_tampered_file_is_refused(text, case, tmp_path):
+def test_rejects_tampered_certificate(text, case, tmp_path):
     change, words = CASES[case]
     content = json.loads(text)
     change(content)
@@ -272,7 +275,7 @@ def test_a_tampered_file_is_refused(text, case, tmp_path):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("case", TEXTS)
-def test_a_tampered_text_is_refused(text, case, tmp_path):
+def test_rejects_tampered_text(text, case, tmp_path):
     change, words = TEXTS[case]
     assert change(text) != text
     answer = check(change(text), tmp_path)
@@ -299,7 +302,7 @@ HONEST += [
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("settings", HONEST, ids=lambda s: " ".join(map(str, s.values())))
-def test_an_honest_file_is_accepted(settings, tmp_path):
+def test_accepts_unmodified_certificate(settings, tmp_path):
     answer = check(certificate_json(hypersonic.certificate(**settings)), tmp_path)
     assert answer.exit_code == 0, failing_names(answer) or answer.output
     assert json.loads(answer.stdout)["holds"]

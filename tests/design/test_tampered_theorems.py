@@ -1,4 +1,4 @@
-"""Files that prove nothing: every one is refused by `trimtab design --check`, with what is wrong with it.
+"""False theorem files: `trimtab design --check` rejects every one with the reason.
 
 Each is a shipped certificate with one thing changed, the digest made anew where the file can still be read.
 """
@@ -61,7 +61,7 @@ CHANGES = {
     "format": (FORWARD, put("format", value="trimtab theorem 2")),
     "scope": (FORWARD, put("scope", value=["everything"])),
     "another theorem": (FORWARD, put("theorem", value="hovercraft/zero-velocity")),
-    "a theorem that is none": (FORWARD, put("theorem", value="hovercraft/sideways")),
+    "unknown theorem": (FORWARD, put("theorem", value="hovercraft/sideways")),
     "says more": (FORWARD, put("says", value=lambda s: s + ", with delay")),
     "says of reverse: from everywhere": (REVERSE, put("says", value=lambda s: s.replace(" with V <= c", ""))),
     "other gains": (REVERSE, put("about", "k2", value=1.5)),
@@ -69,20 +69,20 @@ CHANGES = {
     "forward instead of backward": (REVERSE, put("about", "reference", value=1.98)),
     "another mass": (GATE, put("about", "mass", value=1.6)),
     "a setting too many": (FORWARD, put("about", value={"k1": 1.0})),
-    "a setting that is no number": (REVERSE, put("about", "k1", value=True)),
+    "boolean setting": (REVERSE, put("about", "k1", value=True)),
     # V and its level
     "V with another sign": (FORWARD, put("lyapunov", value=negate)),
     "V of zero-velocity": (FORWARD, put("lyapunov", value="1/2*J*r^2 + 1/2*m*u^2 + 1/2*m*v^2")),
     "no V": (FORWARD, put("lyapunov", value=None)),
     "V of reverse a little changed": (REVERSE, put("lyapunov", value=lambda s: s + " + 1/1000*r*v")),
     "V of reverse doubled": (REVERSE, put("lyapunov", value=lambda s: f"2*({s})")),
-    "a level where there is none": (ZERO, put("level", value="1")),
+    "level of a global theorem": (ZERO, put("level", value="1")),
     "no level": (REVERSE, put("level", value=None)),
     "twice the level": (REVERSE, put("level", value="66")),
     "a little more level": (REVERSE, put("level", value="34")),
     "a negative level": (REVERSE, put("level", value="-1")),
     "a level that is a float": (REVERSE, put("level", value=33.0)),
-    "a level of nothing": (REVERSE, put("level", value="33/0")),
+    "level divided by zero": (REVERSE, put("level", value="33/0")),
     "a V where there is no motion": (GATE, put("lyapunov", value="u^2")),
     "a level where there is no motion": (GATE, put("level", value="1")),
     # squares
@@ -112,13 +112,13 @@ CHANGES = {
     "a form of G": (REVERSE, put(*GRAM, "forms", 0, value=lambda f: f + " + v")),
     "S without its sign": (REVERSE, put(*INSIDE, "gram", value=lambda M: [[negate(v) for v in row] for row in M])),
     "S left out": (REVERSE, drop(*INSIDE)),
-    "S times nothing": (REVERSE, put(*INSIDE, "times", value="")),
-    "S times what is no hypothesis": (REVERSE, put(*INSIDE, "times", value="V - c")),
+    "S without its hypothesis": (REVERSE, put(*INSIDE, "times", value="")),
+    "S times an unknown hypothesis": (REVERSE, put(*INSIDE, "times", value="V - c")),
     # implications
-    "a hypothesis for free": (GATE, put("proofs", EPS, "terms", 0, "times", value="")),
-    "its weight": (GATE, put(*square(0, 0, EPS), value="1")),
-    "its weight negative": (GATE, put(*square(0, 0, EPS), value="-3")),
-    "the hypothesis left out": (GATE, drop("proofs", EPS, "terms", 0)),
+    "hypothesis left out of a term": (GATE, put("proofs", EPS, "terms", 0, "times", value="")),
+    "changed weight of the hypothesis": (GATE, put(*square(0, 0, EPS), value="1")),
+    "negative weight of the hypothesis": (GATE, put(*square(0, 0, EPS), value="-3")),
+    "term of the hypothesis left out": (GATE, drop("proofs", EPS, "terms", 0)),
     "a bound's weight": (REFERENCE, put(*square(0, 0, LOWER), value="h")),
     "a bound's scale": (REFERENCE, put("proofs", LOWER, "scale", value="g")),
     "a faster rate": (TIME, put("about", "rate", value=0.5)),
@@ -126,13 +126,13 @@ CHANGES = {
     "less gain": (TIME, put("about", "k1", value=0.5)),
     # the text itself
     "code for a form": (FORWARD, put(*square(0, 1), value="__import__('os').getcwd()")),
-    "a power that never ends": (FORWARD, put(*square(0, 1), value="((u+v+r)^9)^9")),
+    "huge power": (FORWARD, put(*square(0, 1), value="((u+v+r)^9)^9")),
     "a key left out": (FORWARD, drop("says")),
     "a key too many": (FORWARD, put("trust", value="me")),
     "a term that is a list": (FORWARD, put("proofs", FALLS, "terms", 0, value=["k1"])),
     "proofs that are a list": (FORWARD, put("proofs", value=[])),
     "a version that is a number": (FORWARD, put("version", value=1)),
-    "a digest that is none": (FORWARD, put("digest", value=None)),
+    "null digest": (FORWARD, put("digest", value=None)),
 }
 
 
@@ -148,8 +148,8 @@ def tamper(name, change):
     return theorem_json(certificate)
 
 
-def refuse(text, tmp_path):
-    """What the command says to it."""
+def run_check(text, tmp_path):
+    """The result of `trimtab design --check` for a text."""
     file = tmp_path / "file.json"
     file.write_text(text, encoding="utf-8")
     return CliRunner().invoke(main, ["design", "--check", str(file)])
@@ -167,7 +167,7 @@ def refuse(text, tmp_path):
     "V of reverse doubled",
     "twice the level",
     "a negative level",
-    "a level of nothing",
+    "level divided by zero",
     "a level where there is no motion",
     "a weight with a state",
     "a form with another sign",
@@ -182,8 +182,8 @@ def refuse(text, tmp_path):
     "G of floats",
     "a form of G",
     "S left out",
-    "S times what is no hypothesis",
-    "its weight negative",
+    "S times an unknown hypothesis",
+    "negative weight of the hypothesis",
     "a bound's scale",
     "a larger level",
     "less gain",
@@ -191,9 +191,9 @@ def refuse(text, tmp_path):
     "a version that is a number",
 )
 @pytest.mark.parametrize("change", CHANGES)
-def test_a_tampered_file_is_refused(change, tmp_path):
+def test_rejects_tampered_theorem(change, tmp_path):
     name, apply = CHANGES[change]
-    done = refuse(tamper(name, apply), tmp_path)
+    done = run_check(tamper(name, apply), tmp_path)
     assert done.exit_code in (1, 2), done.output
     if done.exit_code == 1:
         assert "NOT proved" in done.output
@@ -203,29 +203,29 @@ def test_a_tampered_file_is_refused(change, tmp_path):
         assert "Fix:" in done.output
 
 
-def test_there_are_fifty_and_the_honest_ones_pass(tmp_path):
+def test_at_least_50_cases_and_unmodified_theorems_pass(tmp_path):
     assert len(CHANGES) >= 50
     for name in (FORWARD, REVERSE, GATE, REFERENCE, ZERO, TIME):
-        done = refuse(tamper(name, lambda content: None), tmp_path)
+        done = run_check(tamper(name, lambda content: None), tmp_path)
         assert done.exit_code == 0, done.output
 
 
-def test_what_is_not_written_by_us_is_no_file(tmp_path):
+def test_rejects_truncated_and_malformed_files(tmp_path):
     text = (FILES / "forward.json").read_text(encoding="utf-8")
     double = text.replace('"says":', '"level": "1",\n "says":', 1)
     for broken in (text[:-30], text.replace('"level": null', '"level": NaN'), double, "[]", ""):
-        done = refuse(broken, tmp_path)
+        done = run_check(broken, tmp_path)
         assert done.exit_code == 2, done.output
 
 
-def test_a_change_by_accident_is_told(tmp_path):
+def test_digest_reports_accidental_change(tmp_path):
     text = (FILES / "forward.json").read_text(encoding="utf-8")
-    done = refuse(text.replace('"version": "0', '"version": "1'), tmp_path)
+    done = run_check(text.replace('"version": "0', '"version": "1'), tmp_path)
     assert done.exit_code == 1
     assert "the file was changed after it was written" in done.output
 
 
-def test_every_entry_of_the_gram_matrices_counts():
+def test_every_changed_gram_matrix_entry_fails():
     """An entry and its mirror image moved by a millionth: the two sides are no longer one polynomial."""
     text = (FILES / "reverse.json").read_text(encoding="utf-8")
     honest, _ = parse_theorem(text, "reverse")

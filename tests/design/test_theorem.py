@@ -1,4 +1,4 @@
-"""Theorems of systems that are none of the package's: proved, refused, and by their own file on the command line."""
+"""Theorems of systems outside the package: proved, not proved, and from a user's file on the command line."""
 
 import json
 
@@ -30,37 +30,37 @@ def fails(theorem):
     return {c.name for c in proof.conditions if not c.holds}
 
 
-def test_a_pendulum_with_friction():
+def test_pendulum_with_friction_is_proved():
     assert fails(PENDULUM) == set()
 
 
-def test_without_friction_it_swings_and_is_not_proved():
+def test_pendulum_without_friction_is_not_proved():
     free = PENDULUM._replace(field={"x": y, "y": -a * x})
     assert fails(free) == {"largest invariant set in dV/dt = 0"}
 
 
-def test_with_friction_of_the_wrong_sign_or_a_spring_that_pushes():
+def test_pendulum_with_negative_friction_or_spring_fails():
     assert "-dV/dt >= 0" in fails(PENDULUM._replace(field={"x": y, "y": -a * x + b * y}))
     assert "V > 0" in fails(PENDULUM._replace(field={"x": y, "y": a * x - b * y}, lyapunov=(y**2 - a * x**2) / 2))
 
 
-def test_another_point_of_rest_is_refused():
+def test_wrong_equilibrium_fails():
     there = REST._replace(rest={"x": a, "y": constant(0)})
     assert "the law's point of rest is an equilibrium" in fails(PENDULUM._replace(region=there))
 
 
-def test_v_is_the_one_that_the_law_logs():
-    """A proof with another function is none of what the law says of itself."""
+def test_lyapunov_function_must_be_that_of_the_law():
+    """A proof with another V does not prove what the law logs."""
     certificate, doubled = design_theorem(PENDULUM), PENDULUM._replace(lyapunov=2 * PENDULUM.lyapunov)
     proof = prove_theorem(certificate, doubled)
     assert {c.name for c in proof.conditions if not c.holds} == {"V is that of the law"}
 
 
-def test_identities_and_other_lines_count():
+def test_false_identity_fails():
     assert fails(PENDULUM._replace(identities={"a is b": a - b})) == {"a is b"}
 
 
-def test_minors_are_positive_where_the_eigenvalues_are_left():
+def test_hurwitz_minors_agree_with_eigenvalues():
     draws = np.random.default_rng(1)
     names = ("x", "y", "z")
     for n in (1, 2, 3):
@@ -92,12 +92,12 @@ class Output:
     demand: PlanarForce = part("Force.")
 
 
-def test_code_that_is_no_polynomial_is_refused_by_name():
+def test_rejects_law_with_non_polynomial_code():
     with pytest.raises(InputError, match="Saturated: its code is not a polynomial"):
         closed_loop(Hovercraft(), Saturated(), HovercraftState(), {"surge_velocity": "u"})
 
 
-def test_the_polynomials_are_the_codes_numbers():
+def test_closed_loop_polynomials_match_code_values():
     law = ZeroVelocity()
     names = {"surge_velocity": "u", "sway_velocity": "v", "yaw_rate": "r"}
     field, V = closed_loop(law.model, law, HovercraftState(), names)
@@ -134,7 +134,7 @@ def call(*words):
 
 
 @pytest.mark.thorough
-def test_a_law_of_ones_own(tmp_path):
+def test_user_written_law_is_proved_and_rechecked(tmp_path):
     """Without a V in the code: a region is found, written, and proved again with the file beside it."""
     own, out = tmp_path / "my_law.py", tmp_path / "law.json"
     own.write_text(OWN.replace("SUCH", "None"), encoding="utf-8")
@@ -154,7 +154,7 @@ def test_a_law_of_ones_own(tmp_path):
     assert call(f"{own}:theorem", "--check", out).exit_code == 1
 
 
-def test_a_v_of_fourth_degree_is_proved_by_nobody_here(tmp_path):
+def test_fourth_degree_lyapunov_function_is_not_proved(tmp_path):
     """Completing squares reaches the second degree: the line says that there is no proof, and nothing is written."""
     own, out = tmp_path / "my_law.py", tmp_path / "law.json"
     own.write_text(OWN.replace("SUCH", "V"), encoding="utf-8")
@@ -165,7 +165,7 @@ def test_a_v_of_fourth_degree_is_proved_by_nobody_here(tmp_path):
     assert not out.exists()
 
 
-def test_refusals_say_what_to_type(tmp_path):
+def test_command_line_errors_suggest_the_fix(tmp_path):
     own = tmp_path / "my_law.py"
     own.write_text(OWN, encoding="utf-8")
     assert "not a LawTheorem" in call(f"{own}:something").output

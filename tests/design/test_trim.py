@@ -1,4 +1,4 @@
-"""Trims whose answer is known by hand, and trims that do not exist, with the reasons."""
+"""Trims whose answer is known analytically, and trims that do not exist, with the reasons."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -33,7 +33,7 @@ def vtol(eps):
 
 
 @pytest.mark.thorough
-def test_a_straight_run_needs_the_force_of_friction():
+def test_straight_run_thrust_equals_drag():
     found = trim(hovercraft(), x={"surge_velocity": 0.5}, free=("FX", "FY"), loose=PLACE)
     assert found.is_found
     assert found.why == ()
@@ -41,7 +41,7 @@ def test_a_straight_run_needs_the_force_of_friction():
     assert found.require_trim() is found
 
 
-def test_a_steady_turn_against_scipy_on_the_plain_equations():
+def test_steady_turn_matches_scipy_solution():
     speed = {"speed": lambda x, u: jnp.hypot(x.surge_velocity, x.sway_velocity)}
     model = hovercraft(**speed)
     free = ("surge_velocity", "sway_velocity", "FX", "FY")
@@ -60,14 +60,14 @@ def test_a_steady_turn_against_scipy_on_the_plain_equations():
     assert max(abs(v) for v in found.residual.values()) < 1e-12
 
 
-def test_hover_and_an_accelerated_climb():
+def test_hover_and_accelerated_climb_match_analytic_trim():
     hover = trim(vtol(0.1), x={"theta": 0.3}, free=("theta", "u1", "u2")).require_trim()
     np.testing.assert_allclose([hover.x[4], *hover.u], [0.0, G, 0.0], atol=1e-12)
     climb = trim(vtol(0.1), free=("theta", "u1", "u2"), derivatives={"vy": 2.0, "vx": -1.0}).require_trim()
     np.testing.assert_allclose([climb.x[4], climb.u[0]], [np.arctan2(1.0, G + 2), np.hypot(1.0, G + 2)], rtol=1e-12)
 
 
-def test_a_bound_that_stops_it_is_named():
+def test_reports_active_bound_without_trim():
     found = trim(hovercraft(), x={"surge_velocity": 0.5}, free=("FX", "FY"), loose=PLACE, bounds={"FX": (-0.1, 0.4)})
     assert not found.is_found
     assert found.active == {"FX": "high"}
@@ -77,7 +77,7 @@ def test_a_bound_that_stops_it_is_named():
 
 
 @pytest.mark.thorough
-def test_one_force_cannot_push_sideways_without_turning():
+def test_sideways_force_alone_has_no_trim():
     """Kulis 2006, section 2.3: sway and yaw accelerations have the fixed ratio -J/(m d)."""
     found = trim(hovercraft(), free=("FX", "FY"), derivatives={"sway_velocity": 0.1}, loose=PLACE)
     assert not found.is_found
@@ -94,7 +94,7 @@ def test_one_force_cannot_push_sideways_without_turning():
 
 
 @pytest.mark.thorough
-def test_unknowns_without_authority_and_solutions_that_are_not_alone():
+def test_reports_powerless_and_undetermined_unknowns():
     found = trim(hovercraft(), free=("FX", "FY", "north", "east"), x={"north": 3.0}, loose=())
     assert found.is_found
     assert found.powerless_unknowns == ("north", "east")
@@ -104,7 +104,7 @@ def test_unknowns_without_authority_and_solutions_that_are_not_alone():
     assert any("unknowns without effect at this point: north" in w for w in wrong.why)
 
 
-def test_a_minimum_that_is_no_solution_and_another_start_that_finds_one():
+def test_further_starts_escape_a_local_minimum():
     cubic = model_of_functions(
         lambda x, u: x**3 - 3 * x + 4.0, ("x",), ("u",), x0=[1.5]
     )  # minimum at 1, root near -2.2
@@ -115,7 +115,7 @@ def test_a_minimum_that_is_no_solution_and_another_start_that_finds_one():
     np.testing.assert_allclose(several.x, min(np.roots([1, 0, -3, 4]).real), rtol=1e-12)
 
 
-def test_an_equation_that_only_rounding_moves_is_left_alone():
+def test_ignores_equation_affected_only_by_rounding():
     """north' = u cos(heading): at a quarter turn it is 6e-17 u, which is no reason to stop."""
     model = hovercraft(surge=lambda x, u: x.surge_velocity)
     start = {"surge_velocity": 0.5, "heading": np.pi / 2}
@@ -126,7 +126,7 @@ def test_an_equation_that_only_rounding_moves_is_left_alone():
     np.testing.assert_allclose(np.cos(turned.x[5]), 0.0, atol=1e-12)
 
 
-def test_wrong_input_is_refused():
+def test_rejects_invalid_arguments():
     model = hovercraft()
     with pytest.raises(InputError, match="unknown name 'FZ'"):
         trim(model, free=("FZ",))

@@ -26,7 +26,7 @@ def of_transfer(numerator, denominator):
 
 
 @pytest.mark.thorough
-def test_the_cart_under_an_upright_pole():
+def test_cart_pole_is_non_minimum_phase():
     """Zeros of force to cart position: +-sqrt(g/l), the pole pivoting about a cart that stands still."""
     found = zero_dynamics(cart_pole("p"))
     assert found.verdict == "non-minimum phase"
@@ -43,7 +43,7 @@ def test_the_cart_under_an_upright_pole():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("eps", [0.01, 1.0])
-def test_the_planar_vtol_is_non_minimum_phase(eps):
+def test_planar_vtol_is_non_minimum_phase(eps):
     """Hauser, Sastry, Meyer 1992, section 2: theta'' = (g/eps) sin theta."""
     found = zero_dynamics(vtol(eps))
     assert found.verdict == "non-minimum phase"
@@ -53,7 +53,7 @@ def test_the_planar_vtol_is_non_minimum_phase(eps):
 
 
 @pytest.mark.thorough
-def test_the_hovercraft_may_spin():
+def test_hovercraft_zero_dynamics_are_marginal():
     """psi'' = -(d/J) FY with FY = 0 is all that is left: a double zero at 0."""
     found = zero_dynamics(hovercraft(heading=0.4))
     assert found.verdict == "marginal"
@@ -61,7 +61,7 @@ def test_the_hovercraft_may_spin():
     assert set(found.internals) == {"heading", "yaw_rate"}
 
 
-def test_no_relative_degree_leaves_it_undecided():
+def test_verdict_is_undecided_without_relative_degree():
     found = zero_dynamics(ball_and_beam())
     assert (found.verdict, found.jacobian, len(found.zeros.zeros)) == ("undecided", None, 0)
     assert "not at the point" in found.why[0]
@@ -69,7 +69,7 @@ def test_no_relative_degree_leaves_it_undecided():
 
 @pytest.mark.thorough("zeros1", "zeros3", "zeros5")
 @pytest.mark.parametrize("zeros", [[], [-1.0], [2.0, -3.0], [-1 + 2j, -1 - 2j, -40.0], [1e-3, -1e3], [5.0] * 4])
-def test_zeros_of_transfer_functions(zeros):
+def test_transmission_zeros_match_transfer_function(zeros):
     poles = [-1.0, -2.0, -3.0, -4.5]
     found = transmission_zeros(linearise(of_transfer(np.atleast_1d(np.poly(zeros)), np.poly(poles))))
     assert len(found.zeros) == len(zeros)
@@ -78,7 +78,7 @@ def test_zeros_of_transfer_functions(zeros):
 
 @pytest.mark.thorough("5.0-non-minimum phase")
 @pytest.mark.parametrize(("zero", "verdict"), [(-1.0, "minimum phase"), (0.0, "marginal"), (5.0, "non-minimum phase")])
-def test_verdicts(zero, verdict):
+def test_verdict_follows_the_zero_location(zero, verdict):
     """With feedthrough, where the input is found from the output itself, and without."""
     for zeros in ([zero], [zero, -2.0]):
         found = zero_dynamics(of_transfer(np.poly(zeros), np.poly([-1.5, -2.5])))
@@ -86,7 +86,7 @@ def test_verdicts(zero, verdict):
         np.testing.assert_allclose(found.poles, sorted(zeros, reverse=True), rtol=1e-9, atol=1e-12)
 
 
-def test_zeros_of_several_inputs_and_outputs():
+def test_transmission_zeros_of_multivariable_system():
     """diag((s - 1)/(s + 2)(s + 3), 1/(s + 1)) mixed by constant matrices has the zero 1 alone, whatever the units."""
     A, B = np.array([[-5.0, -6, 0], [1, 0, 0], [0, 0, -1]]), np.array([[1.0, 0], [0, 0], [0, 1]])
     C = np.array([[1.0, -1, 0], [0, 0, 1]])
@@ -101,7 +101,7 @@ def test_zeros_of_several_inputs_and_outputs():
     np.testing.assert_allclose(lin.C @ x, 0, atol=1e-9 * (np.abs(lin.C) @ np.abs(x)).max())
 
 
-def test_systems_that_are_not_square_and_modes_that_are_hidden():
+def test_transmission_zeros_of_nonsquare_systems_and_hidden_modes():
     A, B = np.diag([-1.0, -2, 3]), np.array([[1.0], [1], [0]])  # the mode 3 is out of reach
     two = transmission_zeros(linearise(linear(A, B, [[1.0, 0, 0], [0, 1, 0]])))
     np.testing.assert_allclose(two.zeros, [3.0], rtol=1e-12)  # nor seen: it stays
@@ -114,7 +114,7 @@ def test_systems_that_are_not_square_and_modes_that_are_hidden():
 
 
 @pytest.mark.thorough
-def test_travelling_and_no_equilibrium():
+def test_rejects_non_equilibrium_unless_state_is_loose():
     with pytest.raises(InputError, match=r"not an equilibrium: north' = 0\.5"):
         zero_dynamics(hovercraft(surge_velocity=0.5))
     moving = zero_dynamics(hovercraft(surge_velocity=0.5), loose=("north",))
@@ -126,7 +126,7 @@ def test_travelling_and_no_equilibrium():
 
 
 @pytest.mark.thorough
-def test_a_tolerance_of_ones_own():
+def test_user_tolerance_changes_the_verdict():
     slow = of_transfer([1.0, 1e-3], np.poly([-1.0, -2.0]))
     assert zero_dynamics(slow).verdict == "minimum phase"
     found = zero_dynamics(slow, tolerance=1e-2)

@@ -120,7 +120,7 @@ def test_backends_agree_over_whole_runs(name, ideal):
     agree(name, scenario.duration, ideal, SEEDS[: max(8, FLOWN // scenario.duration)] if fewer else SEEDS)
 
 
-def test_threads_change_nothing():
+def test_thread_count_does_not_change_results():
     scenario, _ = catalogue.load_scenario("hovercraft/heading-bang-bang")
     scenario = replace(scenario, duration=seconds(1))
     one = simulate_many(scenario, seeds=SEEDS, backend="c", threads=1)

@@ -17,7 +17,7 @@ PARTS = (("sensors", Imu), ("links", DelayChain), ("laws", StableInversion), ("a
 @pytest.mark.thorough
 @pytest.mark.skipif(not HAS_OLDER, reason="this JAX has the newer emitters only")
 @pytest.mark.parametrize(("folder", "cls"), PARTS, ids=[cls.__name__ for _, cls in PARTS])
-def test_emitters_of_either_kind_give_the_same_numbers(folder, cls):
+def test_old_and_new_xla_emitters_give_equal_results(folder, cls):
     """XLA's default is the newer kind; tests/conftest.py sets the older one for all tests and pages.
 
     Measured: bits are the same but for the noise of the Imu, which differs by 9.5e-16 of itself at most.

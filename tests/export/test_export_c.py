@@ -45,7 +45,7 @@ MARKED = [b if b[0] in HERE else pytest.param(*b, marks=pytest.mark.thorough) fo
 @pytest.mark.thorough
 @pytest.mark.sanitizer
 @pytest.mark.parametrize(("name", "real"), MARKED)
-def test_autopilot_computes_what_was_simulated(name, real, tmp_path):
+def test_exported_autopilot_matches_the_simulation(name, real, tmp_path):
     exported(name, tmp_path, real=real, steps=1500)
     verdict = verify_folder(tmp_path)
     assert verdict.good, verdict.first
@@ -57,7 +57,7 @@ def test_autopilot_computes_what_was_simulated(name, real, tmp_path):
 
 @pytest.mark.thorough
 @pytest.mark.sanitizer
-def test_whole_loop_computes_what_was_simulated(tmp_path):
+def test_exported_loop_matches_the_simulation(tmp_path):
     exported("hovercraft/zero-velocity", tmp_path, part="loop", steps=1000)
     verdict = verify_folder(tmp_path)
     assert verdict.good, verdict.first
@@ -67,7 +67,7 @@ def test_whole_loop_computes_what_was_simulated(tmp_path):
 @pytest.mark.thorough
 @pytest.mark.sanitizer
 @pytest.mark.parametrize("part", ["autopilot", "loop"])
-def test_a_monitor_is_exported_with_the_rest_and_says_the_same_of_a_frame_to_the_bit(part, tmp_path):
+def test_exported_monitor_verdicts_are_bit_identical(part, tmp_path):
     formulas = "turn: always[0.1 s, 0.5 s](abs(estimate.state.yaw_rate - 3 rad/s) < 2.9 rad/s)"
     formulas += "; comes: (estimate.age < 0.2 s) until[0.1 s, 0.7 s] estimate.state.yaw_rate > 10 deg/s"
     formulas += "; last: (estimate.age < 0.2 s) since[50 ms, 0.4 s] estimate.state.yaw_rate > 10 deg/s"
@@ -83,14 +83,14 @@ def test_a_monitor_is_exported_with_the_rest_and_says_the_same_of_a_frame_to_the
 
 
 @pytest.mark.thorough
-def test_ideal_loop_too(tmp_path):
+def test_exported_ideal_loop_passes_verify(tmp_path):
     scenario, _ = catalogue.load_scenario("hovercraft/spin")
     export_c(scenario.ideal(), tmp_path, part="loop", steps=500)
     assert verify_folder(tmp_path).good
 
 
 @pytest.mark.thorough
-def test_the_text_says_what_it_is(tmp_path):
+def test_exported_files_document_units_licence_and_period(tmp_path):
     written = exported("hovercraft/spin", tmp_path, steps=10)
     names = {f.name for f in written.files}
     assert names >= {"autopilot.h", "autopilot.c", "README.md", "CMakeLists.txt", "replay.c", "vectors.csv"}
@@ -110,13 +110,13 @@ def test_the_text_says_what_it_is(tmp_path):
     ("options", "says"),
     [({"part": "wing"}, "autopilot"), ({"real": "half"}, "double"), ({"steps": 0}, "at least 1")],
 )
-def test_wrong_options_are_refused(options, says, tmp_path):
+def test_rejects_wrong_options(options, says, tmp_path):
     with pytest.raises(InputError, match=says):
         exported("hovercraft/spin", tmp_path, **options)
 
 
 @pytest.mark.thorough
-def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
+def test_rejects_unwritable_folder(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="out"):
         exported("hovercraft/spin", tmp_path / "file" / "below", steps=5)
@@ -158,8 +158,8 @@ INERTIAL = ("WORKSPACE=,memory", "LEAST=AUTOPILOT_WORKSPACE", "FIRST=imu", "SECO
 @pytest.mark.thorough
 @pytest.mark.sanitizer
 @pytest.mark.parametrize(("navigation", "names"), [("errors", SIMPLE), ("ins", INERTIAL)])
-def test_times_overflow_nothing_whatever_they_are(navigation, names, tmp_path):
-    """Also where a compiler is not told that integers wrap."""
+def test_extreme_times_cause_no_integer_overflow(navigation, names, tmp_path):
+    """Also without a compiler flag that makes signed integers wrap."""
     scenario, _ = catalogue.load_scenario("hovercraft/forward", {"navigation": navigation})
     export_c(scenario, tmp_path)
     (tmp_path / "ends.c").write_text(TIMES_AT_THE_ENDS)

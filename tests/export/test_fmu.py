@@ -1,4 +1,4 @@
-"""export_fmu: other people's importers find no fault with it, and fly it to the same bits as we fly the scenario."""
+"""export_fmu: other importers accept the FMU, and their flight is bit-identical to the simulated scenario."""
 
 import re
 import subprocess
@@ -119,7 +119,7 @@ SLOW_2 = pytest.param(2, marks=pytest.mark.thorough)
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("version", [SLOW_2, 3])
-def test_fmpy_flies_it_to_the_same_bits(fmus, version):
+def test_fmpy_flight_is_bit_identical(fmus, version):
     parts = [Instance(fmus[part, version]) for part in FMU_PARTS]
     assert len(parts[0].named("output")) > 10
     fly_coupled(build(NAME), *parts, steps=120)
@@ -128,12 +128,12 @@ def test_fmpy_flies_it_to_the_same_bits(fmus, version):
 @pytest.mark.thorough
 @pytest.mark.parametrize("part", FMU_PARTS)
 @pytest.mark.parametrize("version", [SLOW_2, 3])
-def test_the_schema_and_the_rules_find_no_fault(fmus, part, version):
+def test_fmu_passes_schema_validation(fmus, part, version):
     assert validate_fmu(str(fmus[part, version])) == []
 
 
 @pytest.mark.thorough
-def test_the_validation_finds_what_it_is_for(fmus, tmp_path):
+def test_validation_detects_an_undefined_unit(fmus, tmp_path):
     with zipfile.ZipFile(fmus["autopilot", 3]) as archive:
         text = archive.read("modelDescription.xml").decode()
     (tmp_path / "modelDescription.xml").write_text(text.replace('unit="m"', 'unit="ell"'))
@@ -142,7 +142,7 @@ def test_the_validation_finds_what_it_is_for(fmus, tmp_path):
 
 @pytest.mark.thorough("3")
 @pytest.mark.parametrize("version", [2, 3])
-def test_its_sources_compile_by_its_own_description_without_a_warning(fmus, version, tmp_path):
+def test_fmu_sources_compile_without_warnings(fmus, version, tmp_path):
     with zipfile.ZipFile(fmus["loop", version]) as archive:
         archive.extractall(tmp_path)
         listed = archive.read("sources/buildDescription.xml") if version == 3 else archive.read("modelDescription.xml")
@@ -157,7 +157,7 @@ def test_its_sources_compile_by_its_own_description_without_a_warning(fmus, vers
 
 
 @pytest.mark.thorough
-def test_two_can_be_linked_from_source(fmus, tmp_path):
+def test_two_fmus_can_be_linked_from_source(fmus, tmp_path):
     objects = []
     for part in ("autopilot", "vehicle"):
         with zipfile.ZipFile(fmus[part, 3]) as archive:
@@ -176,7 +176,7 @@ def test_two_can_be_linked_from_source(fmus, tmp_path):
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_a_saved_state_goes_on_as_it_would_have(fmus, version):
+def test_restored_state_continues_identically(fmus, version):
     one, other = Instance(fmus["loop", version]), Instance(fmus["loop", version])
     one.fmu.doStep(0.0, 0.5)
     get, put = ("getFMUstate", "setFMUstate") if version == 2 else ("getFMUState", "setFMUState")
@@ -196,7 +196,7 @@ def test_a_saved_state_goes_on_as_it_would_have(fmus, version):
     assert np.array_equal(other.outputs(), after)
 
 
-def test_instances_know_nothing_of_each_other_and_can_begin_anew(fmus):
+def test_instances_are_independent_and_can_be_reset(fmus):
     one, other = Instance(fmus["loop", 3]), Instance(fmus["loop", 3], {"initial.angle": 3.0})
     first = one.outputs()
     for k in range(50):
@@ -212,7 +212,7 @@ def test_instances_know_nothing_of_each_other_and_can_begin_anew(fmus):
     assert np.array_equal(one.outputs(), flown)
 
 
-def test_it_begins_at_any_time(fmus):
+def test_fmu_can_start_at_any_time(fmus):
     one, late = Instance(fmus["loop", 3]), Instance(fmus["loop", 3], start=100.0)
     one.fmu.doStep(0.0, 0.3)
     late.fmu.doStep(100.0, 0.3)
@@ -220,7 +220,7 @@ def test_it_begins_at_any_time(fmus):
     assert late.get("time") == pytest.approx(100.3)
 
 
-def test_a_parameter_is_what_the_setting_is(fmus):
+def test_fmu_parameter_equals_scenario_setting(fmus):
     path = "world.vehicle.pole_mass"
     scenario = build(NAME, {path: "0.3"})
     log = simulate(scenario, duration=scenario.autopilot.period * 200, log_period=scenario.autopilot.period)
@@ -233,7 +233,7 @@ def test_a_parameter_is_what_the_setting_is(fmus):
     assert one.variables["initial.angle"].variability == "fixed"
 
 
-def test_what_is_out_of_range_or_fixed_is_refused(fmus):
+def test_rejects_out_of_range_and_fixed_parameters(fmus):
     one = Instance(fmus["loop", 3])
     mass = one.variables["world.vehicle.pole_mass"]
     assert float(mass.min) == 0.0
@@ -247,8 +247,8 @@ def test_what_is_out_of_range_or_fixed_is_refused(fmus):
         one.fmu.doStep(3.0, 0.1)
 
 
-def test_a_message_without_a_time_is_one_of_now(fmus):
-    """An importer that wires values alone gets what one gets that passes on times, where nothing is late."""
+def test_message_without_a_time_counts_as_current(fmus):
+    """Wiring only the values gives the same as wiring values and times, where nothing is late."""
     scenario = build(NAME)
     h = scenario.autopilot.period * 1e-7
     vehicle, whole, bare = Instance(fmus["vehicle", 3]), *(Instance(fmus["autopilot", 3]) for _ in range(2))
@@ -268,7 +268,7 @@ def test_a_message_without_a_time_is_one_of_now(fmus):
         vehicle.fmu.doStep(k * h, h)
 
 
-def test_a_second_importer_flies_the_same_bits(fmus):
+def test_libcosim_flight_is_bit_identical(fmus):
     """libcosim, which reads FMUs by Modelon's FMI Library."""
     pytest.importorskip("libcosimpy")
     from libcosimpy.CosimExecution import CosimExecution
@@ -292,7 +292,7 @@ def test_a_second_importer_flies_the_same_bits(fmus):
         assert list(got) == [float(logged(log, n, k)[0]) for n in names]
 
 
-def test_units_are_said_in_si():
+def test_units_are_converted_to_si():
     assert unit_in_si("kg m^2") == (1.0, {"kg": 1, "m": 2})
     assert unit_in_si("N s^2/m^2") == (1.0, {"kg": 1, "m": -1})
     assert unit_in_si("1/s") == (1.0, {"s": -1})
@@ -304,12 +304,12 @@ def test_units_are_said_in_si():
     assert unit_in_si("row") is None
 
 
-def test_it_is_the_same_file_each_time(fmus, tmp_path):
+def test_repeated_export_gives_an_identical_file(fmus, tmp_path):
     again = export_fmu(build(NAME), tmp_path / "again.fmu", part="autopilot", version=3)
     assert again.path.read_bytes() == fmus["autopilot", 3].read_bytes()
 
 
-def test_what_is_not_one_is_refused(tmp_path):
+def test_rejects_unknown_part_version_and_path(tmp_path):
     with pytest.raises(InputError, match='part="autopilot"'):
         export_fmu(build(NAME), tmp_path / "x.fmu", part="radio")
     with pytest.raises(InputError, match="fmu=3"):
@@ -320,7 +320,7 @@ def test_what_is_not_one_is_refused(tmp_path):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
-def test_every_scenario_flies_as_fmus_to_the_same_bits(name, tmp_path):
+def test_every_scenario_flies_bit_identically_as_fmus(name, tmp_path):
     scenario, _ = catalogue.load_scenario(name)
     parts = []
     for part in FMU_PARTS:

@@ -47,7 +47,7 @@ def _is_computed_alike_step_by_step(p: Program, v: Var, i: int, got: Any) -> boo
     return v.kind != "f" and _agree(np.asarray(wanted), got, exact=True)
 
 
-def test_what_xla_believes_of_squares_is_not_held_against_c() -> None:
+def test_c_matches_unjitted_jax_for_wrapped_squares() -> None:
     def add(i: Any, a: Any) -> Any:
         return a.at[i * i].add(i * i, mode="drop")
 
@@ -92,16 +92,16 @@ def check(seeds: range) -> None:
 
 
 @pytest.mark.thorough
-def test_some_programs() -> None:
+def test_some_random_programs_agree() -> None:
     check(range(FEW))
 
 
 @pytest.mark.thorough
-def test_programs_of_random_seeds(random_examples: range) -> None:
+def test_programs_of_random_seeds_agree(random_examples: range) -> None:
     check(random_examples)
 
 
-def test_a_wrong_program_is_found_and_shrunk(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_program_is_detected_and_reduced(monkeypatch: pytest.MonkeyPatch) -> None:
     # a generator that confuses two operations, on a program where that shows
     monkeypatch.setitem(text.INFIX, "xor", "|")
     made = Writer(0)

@@ -41,7 +41,7 @@ def extremes(dtype: str) -> Any:
 
 @pytest.mark.thorough("int8", "int16", "int64", "uint8", "uint32", "uint64")
 @pytest.mark.parametrize("dtype", TYPES)
-def test_integers_never_overflow_undefined(dtype: str, tmp_path: Path) -> None:
+def test_integer_arithmetic_has_no_undefined_overflow(dtype: str, tmp_path: Path) -> None:
     given = extremes(dtype)
     export_callable(arithmetic, given, tmp_path, name="numbers")
     command = ["gcc", "-std=c99", *CHECKS, "numbers.c", "vectors.c", "replay.c", "-lm", "-o", "replay"]
@@ -55,14 +55,14 @@ def test_integers_never_overflow_undefined(dtype: str, tmp_path: Path) -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("dtype", TYPES)
-def test_vectors_hold_integers_exactly(dtype: str, tmp_path: Path) -> None:
+def test_test_vectors_hold_integers_exactly(dtype: str, tmp_path: Path) -> None:
     export_callable(lambda x, y: (x + x.dtype.type(1), x[1] - x[0], y), extremes(dtype), tmp_path, name="numbers")
     verdict = verify_folder(tmp_path)
     assert verdict.good, verdict.first
 
 
 @pytest.mark.thorough
-def test_a_difference_of_one_beyond_doubles_is_found(tmp_path: Path) -> None:
+def test_detects_difference_of_one_beyond_double_precision(tmp_path: Path) -> None:
     export_callable(lambda a: a + 1, (np.int64(2**53 + 1),), tmp_path, name="next_number")
     assert verify_folder(tmp_path).good
     source = tmp_path / "next_number.c"
@@ -86,7 +86,7 @@ def test_verifies_functions_without_arguments_or_results(f: Any, example: tuple[
 
 
 @pytest.mark.thorough
-def test_judges_float32_results_at_their_own_precision(tmp_path: Path) -> None:
+def test_verifies_float32_results_at_float32_tolerance(tmp_path: Path) -> None:
     exported = export_callable(lambda x: (jnp.cumsum(jnp.sin(x)), x.sum()), (np.ones(300, np.float32),), tmp_path)
     verdict = verify_folder(tmp_path)
     assert verdict.good
@@ -104,6 +104,6 @@ def test_clang_accepts_elementary_functions(tmp_path: Path, monkeypatch: pytest.
     assert verify_folder(tmp_path).good
 
 
-def test_verifies_a_function_whose_name_begins_with_a_capital(tmp_path: Path) -> None:
+def test_verifies_function_with_a_capitalised_name(tmp_path: Path) -> None:
     export_callable(lambda x: x * 2, (1.0,), tmp_path, name="NAN")
     assert verify_folder(tmp_path).good

@@ -81,14 +81,14 @@ def fly(name, whole=False):
 @pytest.mark.thorough
 @needs_compiler
 @pytest.mark.parametrize("name", NAMES)
-def test_the_flight_is_the_recorded_one(name):
+def test_flight_start_matches_recorded_hash(name):
     assert fly(name) == recorded(name, "start")
 
 
 @needs_compiler
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
-def test_the_whole_flight_is_the_recorded_one(name):
+def test_whole_flight_matches_recorded_hash(name):
     assert fly(name, whole=True) == recorded(name, "flight")
 
 
@@ -322,7 +322,7 @@ def grid(tmp_path_factory):
 @pytest.mark.thorough(*[p for p in PLATFORMS if p != "clang"])
 @pytest.mark.usefixtures("board_tools", "platform_tools")
 @pytest.mark.parametrize("which", PLATFORMS)
-def test_platforms_give_the_same_functions(which, grid, tmp_path):
+def test_elementary_functions_are_identical_on_all_platforms(which, grid, tmp_path):
     """Every elementary function, conversion and operation, of edge values and numbers of all sizes."""
     folder, names, steps, wanted = grid
     got = replay(folder, which, steps, tmp_path)

@@ -10,5 +10,5 @@ from contracts.compiled import Case, differences
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("make", primitive_groups.ELEMENTS, ids=lambda make: make.__name__)
-def test_agrees_with_jax(make: Callable[[], list[Case]]) -> None:
+def test_elementwise_primitives_agree_with_jax(make: Callable[[], list[Case]]) -> None:
     assert not (wrong := differences(make())), "\n".join(wrong)

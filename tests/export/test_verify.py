@@ -1,4 +1,4 @@
-"""verify notices what was changed, and says where."""
+"""verify detects changed exports and reports where."""
 
 import json
 
@@ -28,7 +28,7 @@ def edit(file, old, new):
 
 
 @pytest.mark.thorough
-def test_a_changed_gain_is_found_with_step_and_name(folder):
+def test_detects_changed_gain_with_step_and_name(folder):
     edit(folder / "autopilot.c", "p->law.k2 = ", "p->law.k2 = 1.001 * ")
     verdict = verify_folder(folder)
     assert not verdict.good
@@ -38,7 +38,7 @@ def test_a_changed_gain_is_found_with_step_and_name(folder):
     assert 0 < step < 200
 
 
-def test_a_sample_that_is_no_number_where_one_is_wanted_is_found():
+def test_detects_nan_where_a_number_is_expected():
     wanted = np.array([[1.0, np.nan], [2.0, np.nan]])
     assert compare_samples(wanted.copy(), wanted, ["a", "b"], np.array([0.1, 0.1]))[1] is None
     for got in (np.nan, np.inf, 2.2):
@@ -47,7 +47,7 @@ def test_a_sample_that_is_no_number_where_one_is_wanted_is_found():
     assert compare_samples(np.ones((2, 2)), wanted, ["a", "b"], np.array([9.0, 9.0]))[1][:2] == (0, "b")
 
 
-def test_whole_numbers_and_flags_have_no_tolerance(folder):
+def test_flags_have_zero_tolerance(folder):
     about = json.loads((folder / "export.json").read_text())
     assert {name: about["tolerance"][name] == 0 for name in ("command.valid", "law.lyapunov")} == {
         "command.valid": True,
@@ -55,21 +55,21 @@ def test_whole_numbers_and_flags_have_no_tolerance(folder):
     }
 
 
-def test_text_that_warns_is_refused(folder):
+def test_rejects_source_with_compiler_warnings(folder):
     edit(folder / "autopilot.c", "void autopilot_init", "static int unused;\nvoid autopilot_init")
     with pytest.raises(InputError, match="reported an error"):
         verify_folder(folder)
 
 
 @pytest.mark.thorough
-def test_undefined_behaviour_is_found(folder):
+def test_detects_undefined_behaviour(folder):
     bad = "double room[2] = {0, 0};\n    volatile int k = 2;\n    room[k] = p->law.k1;\n    out->law.lyapunov = room[k]"
     edit(folder / "autopilot.c", "out->law.lyapunov = ", f"{bad}; out->law.lyapunov = ")
     with pytest.raises(InputError, match="stopped with"):
         verify_folder(folder)
 
 
-def test_a_folder_of_something_else_is_refused(tmp_path, folder):
+def test_rejects_folder_that_is_not_an_export(tmp_path, folder):
     with pytest.raises(InputError, match="trimtab export SCENARIO"):
         verify_folder(tmp_path / "nothing")
     about = json.loads((folder / "export.json").read_text())

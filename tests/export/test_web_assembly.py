@@ -86,7 +86,7 @@ def differing(page, flight, log):
 
 
 @pytest.mark.thorough
-def test_a_page_flies_what_the_package_flies_wherever_its_sliders_are(page, tmp_path):
+def test_page_matches_the_package_at_any_slider_position(page, tmp_path):
     shipped = build("hovercraft/zero-velocity", {"links": "measured"})
     scenario, delay = delay_slider(shipped, 0.3)
     flight = export_web(scenario, (delay, LOST, K1, K2))
@@ -118,7 +118,7 @@ def test_a_page_flies_what_the_package_flies_wherever_its_sliders_are(page, tmp_
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["cart-pole/swing-up", "quadrotor/track", "torpedo/depth"])
-def test_other_loops_fly_in_a_page_as_in_the_package(page, name, tmp_path):
+def test_other_loops_fly_identically_in_a_page(page, name, tmp_path):
     scenario = build(name, {"duration": "2 s"})
     flight = export_web(scenario)
     show(page, flight, tmp_path)
@@ -128,8 +128,8 @@ def test_other_loops_fly_in_a_page_as_in_the_package(page, name, tmp_path):
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_what_a_page_calls_flies_a_table_of_uneven_instants(tmp_path):
-    """The same text as a library of this machine, where no browser and no clang is needed."""
+def test_page_function_flies_unevenly_spaced_instants(tmp_path):
+    """The page's C source built as a native library: needs no browser and no clang."""
     uneven = {
         "autopilot.period": "7 ms",
         "world.max_step": "4 ms",
@@ -163,13 +163,13 @@ def test_what_a_page_calls_flies_a_table_of_uneven_instants(tmp_path):
         assert np.array_equal(column, np.asarray(log[member.name], float), equal_nan=True), member.name
 
 
-def test_a_delay_that_is_part_of_the_program_is_no_slider():
+def test_rejects_slider_for_a_compiled_delay():
     with pytest.raises(InputError, match="DelayChain") as refused:
         delay_slider(build("hovercraft/zero-velocity"), 0.3)
     assert 'settings={"links": "measured"}' in str(refused.value)
 
 
-def test_what_is_missing_is_named(monkeypatch, tmp_path):
+def test_missing_web_tools_are_named(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     assert missing_web_tools() == ["clang", "wasm-ld"]
     with pytest.raises(InputError, match="apt-get install clang lld"):
@@ -184,7 +184,7 @@ def test_what_is_missing_is_named(monkeypatch, tmp_path):
         (K1, ("truth.yaw",), "truth.yaw_rate"),
     ],
 )
-def test_what_is_not_there_is_refused_with_what_is(slider, signals, said):
+def test_rejects_unknown_sliders_and_signals_with_choices(slider, signals, said):
     require(lambda: missing_web_tools())
     with pytest.raises(InputError) as refused:
         export_web(build("hovercraft/zero-velocity", {"duration": "1 s"}), (slider,), signals)

@@ -14,7 +14,7 @@ ALLOWED = {"oracles", "numpy", "scipy", "gtsam", "rtamt", *sys.stdlib_module_nam
 
 
 @pytest.mark.parametrize("file", [f for f in sorted(FOLDER.glob("*.py")) if not f.name.startswith("test_")], ids=str)
-def test_oracles_import_numpy_scipy_and_peers_alone(file):
+def test_oracles_import_only_numpy_scipy_and_peers(file):
     tree, names = ast.parse(file.read_text(encoding="utf-8")), set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -43,7 +43,7 @@ def differences(table, values):
 
 
 @pytest.mark.thorough
-def test_the_table_of_the_hypersonic_vehicle_is_what_the_oracle_gives():
+def test_hypersonic_table_matches_oracle_values():
     from oracles.hypersonic_values import quick_values
 
     values, table = quick_values(), read_values(HYPERSONIC)
@@ -55,7 +55,7 @@ def test_the_table_of_the_hypersonic_vehicle_is_what_the_oracle_gives():
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
-def test_the_flights_in_the_table_are_those_that_the_oracle_flies():
+def test_hypersonic_table_matches_oracle_flights():
     from oracles.hypersonic_values import flown_values, quick_values
 
     values, table = flown_values(), read_values(HYPERSONIC)

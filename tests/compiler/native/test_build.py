@@ -45,7 +45,7 @@ def kind_of(library: Path) -> str:
 
 
 @pytest.mark.parametrize("language", ["c", "c++"])
-def test_builds_once_and_keeps_it(fake, cache: Path, language: str) -> None:
+def test_builds_once_and_caches_the_library(fake, cache: Path, language: str) -> None:
     script = fake(language=language)
     library = build_library(TEXT[language], language)
     assert library.parent == cache
@@ -57,14 +57,14 @@ def test_builds_once_and_keeps_it(fake, cache: Path, language: str) -> None:
     assert {path.suffix for path in cache.iterdir()} == {".so", ".txt", ".note"}, "left-overs"
 
 
-def test_gcc_orders_instructions_of_lanes_before_it_chooses_registers() -> None:
+def test_gcc_schedules_lane_code_before_register_allocation() -> None:
     assert {"-fschedule-insns", "-fsched-pressure"} <= set(compiler_flags("c++", "gcc"))
     assert compiler_flags("c", "gcc") == compiler_flags("c", "clang")
     assert not {flag for flag in compiler_flags("c++", "clang") if "sched" in flag}
 
 
 @pytest.mark.parametrize("language", ["c", "c++"])
-def test_key_has_the_flags_of_the_compiler(fake, monkeypatch: pytest.MonkeyPatch, language: str) -> None:
+def test_cache_key_includes_compiler_flags(fake, monkeypatch: pytest.MonkeyPatch, language: str) -> None:
     fake(language=language)
     library = build_library(TEXT[language], language)
     which = "GCC_FLAGS" if kind_of(library) == "gcc" else "FLAGS"
@@ -74,7 +74,7 @@ def test_key_has_the_flags_of_the_compiler(fake, monkeypatch: pytest.MonkeyPatch
     assert "-DX=1" in manifest(other)["flags"].split()
 
 
-def test_key_has_text_flags_language_compiler_and_cpu(fake, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cache_key_includes_text_flags_language_compiler_cpu(fake, monkeypatch: pytest.MonkeyPatch) -> None:
     fake()
     libraries = [
         build_library(TWICE),
@@ -90,14 +90,14 @@ def test_key_has_text_flags_language_compiler_and_cpu(fake, monkeypatch: pytest.
     assert len(set(libraries)) == len(libraries)
 
 
-def test_extra_libraries_come_after_the_text(fake) -> None:
+def test_extra_libraries_follow_the_source_file(fake) -> None:
     script = fake()
     build_library(TWICE, extra=("-DNAME=1", "-lpthread"))
     words = compiled(script)[0].split()
     assert words.index("program.c") < words.index("-lpthread")
 
 
-def test_flags_keep_the_numbers() -> None:
+def test_flags_forbid_fma_and_wrap_signed_overflow() -> None:
     """No fused multiply-add, signed overflow wraps: what the flags are for, seen in what the code does."""
     text = """
     #include <stdint.h>
@@ -128,7 +128,7 @@ def test_vectors_select_like_scalars() -> None:
     assert list(y) == [0.0, 2.0, 0.0, 4.0, 5.0, 0.0, 7.0, 0.0]
 
 
-def test_refused_text_gives_the_first_lines_and_leaves_nothing(cache: Path) -> None:
+def test_compile_error_shows_first_lines_and_leaves_no_files(cache: Path) -> None:
     text = "\n".join(f"int f{k}(void) {{ return missing{k}; {400 * ';'} }}" for k in range(60))
     with pytest.raises(BuildError) as refused:
         build_library(text)
@@ -180,28 +180,28 @@ def refusing(flag: str) -> str:
 
 
 @pytest.mark.parametrize("flag", ["-march=native", "-fno-tree-slp-vectorize", "-fno-math-errno"])
-def test_old_compiler_is_used_without_what_only_speeds_up(fake, flag: str) -> None:
+def test_old_compiler_works_without_optimisation_flags(fake, flag: str) -> None:
     fake(always=refusing(flag))
     library = build_library(TWICE)
     assert twice(library) == 42.0
     assert manifest(library)["flags"].split() == [word for word in FLAGS["c"] if word != flag]
 
 
-def test_old_assembler_is_used_without_the_cpus_own_instructions(fake) -> None:
+def test_old_assembler_works_without_march_native(fake) -> None:
     fake(program=refusing("-march=native"))  # the flag passes, the program's instructions don't
     library = build_library(TWICE)
     assert twice(library) == 42.0
     assert "-march=native" not in manifest(library)["flags"]
 
 
-def test_standard_has_an_older_name(fake) -> None:
+def test_falls_back_to_the_older_standard_name(fake) -> None:
     fake(always=refusing("-std=c++17"), language="c++")
     library = build_library(TWICE_CPP, "c++")
     assert twice(library) == 42.0
     assert manifest(library)["flags"].split()[0] == "-std=c++1z"
 
 
-def test_ancient_compiler_is_named_with_the_version_needed(fake) -> None:
+def test_too_old_compiler_error_names_required_version(fake) -> None:
     version = """[ "$1" = --version ] && { echo 'g++ (GCC) 4.6.3'; echo Free Software Foundation; exit; }"""
     script = fake(always="\n".join([version, refusing("-std=c++17"), refusing("-std=c++1z")]), language="c++")
     with pytest.raises(BuildError) as failed:
@@ -211,7 +211,7 @@ def test_ancient_compiler_is_named_with_the_version_needed(fake) -> None:
 
 
 @pytest.mark.parametrize("flag", ["-ffp-contract=off", "-fwrapv", "-std=c99"])
-def test_what_decides_on_numbers_is_never_left_out(fake, flag: str) -> None:
+def test_rejects_compiler_without_a_numerics_flag(fake, flag: str) -> None:
     script = fake()
     build_library("int first;")
     times = script.stat()
@@ -224,7 +224,7 @@ def test_what_decides_on_numbers_is_never_left_out(fake, flag: str) -> None:
 FULL = "echo 'fatal error: error writing to x.s: No space left on device' >&2; exit 1"
 
 
-def test_full_cache_gives_way_to_a_private_folder(fake, cache: Path) -> None:
+def test_full_cache_falls_back_to_a_private_folder(fake, cache: Path) -> None:
     fake(f'case "$PWD" in "$TRIMTAB_CACHE"*) {FULL};; esac')
     library = build_library(TWICE)
     assert library.parent != cache
@@ -233,7 +233,7 @@ def test_full_cache_gives_way_to_a_private_folder(fake, cache: Path) -> None:
     assert "No space" in cache_problem()
 
 
-def test_no_room_anywhere_says_what_to_do(fake, cache: Path) -> None:
+def test_full_disk_error_suggests_trimtab_cache(fake, cache: Path) -> None:
     fake(FULL)
     with pytest.raises(BuildError, match="No space left on device") as failed:
         build_library(TWICE)
@@ -241,7 +241,7 @@ def test_no_room_anywhere_says_what_to_do(fake, cache: Path) -> None:
     assert {path.suffix for path in cache.iterdir()} == {".note"}
 
 
-def test_file_in_place_of_the_cache_gives_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_in_place_of_the_cache_uses_private_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "file"))
     (tmp_path / "file").write_text("")
     assert twice(build_library(TWICE)) == 42.0
@@ -258,14 +258,14 @@ def test_cache_that_others_can_write_to_is_not_used(cache: Path) -> None:
 
 
 @pytest.mark.skipif(os.getuid() == 0, reason="root may write everywhere")
-def test_cache_without_permission_to_write_is_read(cache: Path) -> None:
+def test_read_only_cache_is_still_read(cache: Path) -> None:
     library = build_library(TWICE)
     cache.chmod(0o500)
     assert build_library(TWICE) == library
     assert build_library("int other;").parent != cache
 
 
-def test_temporary_folder_that_does_not_exist_is_not_needed(tmp_path: Path, cache: Path, monkeypatch) -> None:
+def test_builds_without_an_existing_temporary_folder(tmp_path: Path, cache: Path, monkeypatch) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path / "gone"))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "gone"))
     assert build_library(TWICE).parent == cache
@@ -282,8 +282,8 @@ print(build_library({TWICE!r}))
 """
 
 
-def test_limit_on_the_size_of_files(elsewhere, cache: Path) -> None:
-    """A real failure to write, in the compiler: the library is longer than a file may be."""
+def test_file_size_limit_raises_build_error(elsewhere, cache: Path) -> None:
+    """The compiler itself fails to write: the library exceeds the file size limit."""
     process = elsewhere(BUILD.replace("sys.argv[1:]", "True"))
     _, trouble = process.communicate()
     assert process.returncode == 1
@@ -322,7 +322,7 @@ print(load_library(fourth).fourth(), fourth.parent == first.parent, cache_proble
 """
 
 
-def test_full_read_only_and_noexec_file_systems(elsewhere, tmp_path: Path) -> None:
+def test_builds_on_full_read_only_and_noexec_file_systems(elsewhere, tmp_path: Path) -> None:
     own = ("unshare", "--mount")
     (tmp_path / "cache").mkdir()
     trial = [*own, "mount", "-t", "tmpfs", "tmpfs", str(tmp_path / "cache")]
@@ -343,7 +343,7 @@ def test_full_read_only_and_noexec_file_systems(elsewhere, tmp_path: Path) -> No
 
 
 @pytest.mark.real_time
-def test_processes_at_the_same_moment_compile_once(fake, elsewhere, cache: Path) -> None:
+def test_concurrent_processes_compile_once(fake, elsewhere, cache: Path) -> None:
     script = fake("sleep 0.5")
     processes = [elsewhere(BUILD) for _ in range(3)]
     libraries = set()
@@ -369,7 +369,7 @@ def test_processes_without_locks_end_with_one_entry(fake, elsewhere, cache: Path
 
 
 @pytest.mark.real_time
-def test_killed_build_is_in_nobodys_way(fake, elsewhere, cache: Path) -> None:
+def test_killed_build_does_not_block_the_next(fake, elsewhere, cache: Path) -> None:
     script = fake('[ -e "$0.slow" ] && { rm "$0.slow"; echo half >program.so; exec sleep 5; }')
     slow = Path(f"{script}.slow")
     slow.write_text("")
@@ -398,7 +398,7 @@ def test_damaged_entry_is_built_again(fake, damage: bytes) -> None:
     assert twice(library) == 42.0
 
 
-def test_what_cannot_be_loaded_is_said(tmp_path: Path) -> None:
+def test_unloadable_library_raises_build_error(tmp_path: Path) -> None:
     (tmp_path / "odd.so").write_text("odd")
     with pytest.raises(BuildError, match="cannot be loaded"):
         load_library(tmp_path / "odd.so")

@@ -1,4 +1,4 @@
-"""Entries are whole, this user's, and bounded; or they are none."""
+"""Cache entries are complete, private to this user and bounded in size; others are ignored."""
 
 import os
 import threading
@@ -99,7 +99,7 @@ DAMAGE = [
 
 
 @pytest.mark.parametrize("damage", DAMAGE, ids=lambda damage: damage.__name__)
-def test_entry_that_is_not_whole_counts_as_none_and_is_replaced(damage) -> None:
+def test_incomplete_entry_is_ignored_and_replaced(damage) -> None:
     library = put(cached_library_folder(), "one")
     assert find_in_folder(cached_library_folder(), "one") == library
     damage(library, library.with_suffix(".txt"))
@@ -108,7 +108,7 @@ def test_entry_that_is_not_whole_counts_as_none_and_is_replaced(damage) -> None:
     assert find_in_folder(cached_library_folder(), "one") == library
 
 
-def test_files_are_their_owners_alone_whatever_the_mask() -> None:
+def test_files_are_private_under_any_umask() -> None:
     before = os.umask(0)
     try:
         library = put(cached_library_folder(), "one")
@@ -120,7 +120,7 @@ def test_files_are_their_owners_alone_whatever_the_mask() -> None:
     assert {path.name for path in cached_library_folder().iterdir()} == {"one.so", "one.txt"}, "left-overs"
 
 
-def test_manifest_comes_last(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_manifest_is_written_after_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
     names = []
     replace = os.replace
     monkeypatch.setattr(os, "replace", lambda old, new: (names.append(Path(new).name), replace(old, new)))
@@ -142,7 +142,7 @@ def test_failed_write_leaves_the_old_file(monkeypatch: pytest.MonkeyPatch) -> No
     assert list(cached_library_folder().iterdir()) == [path]
 
 
-def test_left_overs_go_after_a_day() -> None:
+def test_stale_files_are_removed_after_a_day() -> None:
     folder = cached_library_folder()
     old, new = folder / "tmp-old", folder / "tmp-new"
     for left in (old, new):
@@ -162,7 +162,7 @@ def test_left_overs_go_after_a_day() -> None:
     assert names == {"tmp-new", "busy.lock", "whole.so", "whole.txt", "one.so", "one.txt"}
 
 
-def test_what_was_used_longest_ago_goes_beyond_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_least_recently_used_entry_is_evicted_above_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LIMIT", 3 * len(CONTENT))
     folder = cached_library_folder()
     for hours, key in ((5, "a"), (4, "b"), (3, "c")):
@@ -173,14 +173,14 @@ def test_what_was_used_longest_ago_goes_beyond_the_limit(monkeypatch: pytest.Mon
     assert {path.name for path in folder.iterdir()} == {f"{key}.{end}" for key in "acd" for end in ("so", "txt")}
 
 
-def test_new_entry_stays_even_if_it_alone_is_beyond_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_new_entry_larger_than_the_limit_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LIMIT", 10)
     put(cached_library_folder(), "a")
     put(cached_library_folder(), "b")
     assert {path.name for path in cached_library_folder().iterdir()} == {"b.so", "b.txt"}
 
 
-def test_private_folder_is_made_anew_if_something_removes_it() -> None:
+def test_removed_private_folder_is_created_again() -> None:
     first = private_folder()
     assert first.stat().st_mode & 0o077 == 0
     assert private_folder() == first
@@ -188,7 +188,7 @@ def test_private_folder_is_made_anew_if_something_removes_it() -> None:
     assert private_folder().is_dir()
 
 
-def test_private_folder_ends_with_the_process_not_with_its_children(elsewhere) -> None:
+def test_private_folder_is_removed_by_its_own_process_only(elsewhere) -> None:
     text = """
 import os, sys
 from trimtab.compiler.native.cache import private_folder
@@ -204,7 +204,7 @@ print(folder, folder.is_dir())
     assert not Path(folder).exists()
 
 
-def test_second_folder_is_tried_and_the_reason_kept() -> None:
+def test_private_folder_is_tried_and_cache_problem_recorded() -> None:
     def picky(folder: Path) -> Path:
         if folder == cached_library_folder():
             raise OSError(28, "No space left on device")
@@ -215,7 +215,7 @@ def test_second_folder_is_tried_and_the_reason_kept() -> None:
     assert "No space" in cache_problem()
 
 
-def test_no_folder_gives_both_reasons() -> None:
+def test_error_lists_the_problems_of_both_folders() -> None:
     def never(folder: Path) -> Path:
         raise OSError(f"not {folder}")
 
@@ -223,7 +223,7 @@ def test_no_folder_gives_both_reasons() -> None:
         try_folders(never)
 
 
-def test_noexec_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rejects_noexec_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     real = os.statvfs
 
     def noexec(path):
@@ -237,7 +237,7 @@ def test_noexec_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.real_time
-def test_one_at_a_time_and_no_lock_is_left() -> None:
+def test_lock_admits_one_thread_and_is_removed() -> None:
     inside, most = 0, 0
 
     def work() -> None:
@@ -258,7 +258,7 @@ def test_one_at_a_time_and_no_lock_is_left() -> None:
 
 
 @pytest.mark.real_time
-def test_waiting_has_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_waiting_for_a_lock_times_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "PATIENCE", 0.1)
     with lock_key(cached_library_folder(), "one"):
         began = time.monotonic()

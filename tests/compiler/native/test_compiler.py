@@ -29,7 +29,7 @@ def forget() -> None:
 
 
 @pytest.mark.parametrize(("language", "name"), [("c", "gcc"), ("c++", "g++")])
-def test_finds_the_usual_one(language: str, name: str) -> None:
+def test_finds_the_default_gcc(language: str, name: str) -> None:
     found = find_compiler(language)
     assert found is not None
     assert Path(found.path).name == name
@@ -39,7 +39,7 @@ def test_finds_the_usual_one(language: str, name: str) -> None:
     assert "linux" in found.identity
 
 
-def test_variable_comes_first_and_may_hold_options(fake, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cc_variable_takes_precedence_and_may_hold_options(fake, monkeypatch: pytest.MonkeyPatch) -> None:
     script = fake()
     monkeypatch.setenv("CC", f"{script} -O1 '-DNAME=two words'")
     found = find_compiler()
@@ -49,7 +49,7 @@ def test_variable_comes_first_and_may_hold_options(fake, monkeypatch: pytest.Mon
     assert all(line.startswith("-O1 -DNAME=two words ") for line in calls(script))
 
 
-def test_next_process_only_looks_whether_the_executable_is_the_same(fake) -> None:
+def test_compiler_is_probed_again_only_if_changed(fake) -> None:
     script = fake()
     first = find_compiler()
     asked = len(calls(script))
@@ -64,7 +64,7 @@ def test_next_process_only_looks_whether_the_executable_is_the_same(fake) -> Non
 
 
 @pytest.mark.parametrize("damage", ["", "gcc\n12.2.0\n8\n", "gcc\nx\n8\nidentity\nend", "\xff"])
-def test_damaged_memory_is_renewed(fake, cache: Path, damage: str) -> None:
+def test_damaged_note_is_rewritten(fake, cache: Path, damage: str) -> None:
     script = fake()
     first = find_compiler()
     (note,) = cache.glob("*.note")
@@ -88,7 +88,7 @@ def test_damaged_memory_is_renewed(fake, cache: Path, damage: str) -> None:
         ('case "$*" in *probe*) sed -i s/1.0/2.0/ probe.c;; esac', "wrong numbers"),
     ],
 )
-def test_one_that_does_not_work_is_passed_by(
+def test_broken_compiler_is_skipped_with_the_reason(
     fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, always: str, reason: str
 ) -> None:
     fake(always=always)
@@ -100,14 +100,16 @@ def test_one_that_does_not_work_is_passed_by(
     assert reason in search_compiler("c").problem
 
 
-def test_one_that_hangs_is_stopped(fake, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hanging_compiler_is_stopped(fake, monkeypatch: pytest.MonkeyPatch) -> None:
     fake(always="sleep 60")
     monkeypatch.setattr(module, "PROBE_LIMIT", 0.3)
     monkeypatch.setattr(module, "NAMES", {"c": ("CC",)})
     assert "did not end within 0.3 s" in search_compiler("c").problem
 
 
-def test_none_says_what_was_tried_and_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_compiler_error_lists_candidates_and_install_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("CC", "mycc 'unended")
     assert find_compiler() is None
@@ -119,7 +121,7 @@ def test_none_says_what_was_tried_and_what_to_install(tmp_path: Path, monkeypatc
     assert isinstance(pickle.loads(pickle.dumps(refused.value)), NoCompilerError)
 
 
-def test_language_is_c_or_cpp() -> None:
+def test_rejects_language_other_than_c_or_cpp() -> None:
     with pytest.raises(InputError, match=r"c, c\+\+"):
         find_compiler("fortran")
 
@@ -128,7 +130,7 @@ def test_language_is_c_or_cpp() -> None:
     ("has", "width"),
     [("AVX2 AVX512F AVX512DQ AVX512VL", 8), ("AVX2 AVX512F AVX512DQ", 4), ("AVX2", 4), ("SSE2", 1), ("", 1)],
 )
-def test_lanes_follow_from_what_the_compiler_says(fake, has: str, width: int) -> None:
+def test_lane_count_follows_compiler_macros(fake, has: str, width: int) -> None:
     said = "".join(f"#define __{name}__ 1\\n" for name in has.split())
     fake(always=f"""case "$*" in *-dM*) printf '{said}'; exit 0;; esac""")
     found = find_compiler()
@@ -138,7 +140,7 @@ def test_lanes_follow_from_what_the_compiler_says(fake, has: str, width: int) ->
     assert find_compiler() == found, "remembered otherwise"
 
 
-def test_lanes_are_one_where_native_is_refused(fake) -> None:
+def test_lane_count_is_one_without_march_native(fake) -> None:
     fake(always="""case "$*" in *-march=native*) echo 'bad value'; exit 1;; esac""")
     found = find_compiler()
     assert found is not None
@@ -146,7 +148,7 @@ def test_lanes_are_one_where_native_is_refused(fake) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/cpuinfo").exists(), reason="no /proc/cpuinfo")
-def test_lanes_are_this_cpus() -> None:
+def test_lane_count_matches_this_cpu() -> None:
     lines = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("flags")]
     flags = set(lines[0].split()) if lines else set()
     found = find_compiler("c++")
@@ -154,7 +156,7 @@ def test_lanes_are_this_cpus() -> None:
     assert lane_count(found) == (8 if {"avx512f", "avx512dq", "avx512vl"} <= flags else 4 if "avx2" in flags else 1)
 
 
-def test_cpu_is_known_by_its_features_not_by_its_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cpu_identity_depends_on_features_not_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     text = "processor\t: 0\nmodel\t: 1\ncpu MHz\t: {}\nflags\t: fpu {}\n\nprocessor\t: 1\ncpu MHz\t: 7\n"
 
     def identity(mhz: str, flag: str) -> str:
@@ -172,7 +174,7 @@ def test_cpu_is_known_by_its_features_not_by_its_clock(monkeypatch: pytest.Monke
     cpu_identity.cache_clear()
 
 
-def test_cpu_is_known_without_linux(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cpu_identity_works_without_proc(monkeypatch: pytest.MonkeyPatch) -> None:
     def read(path: Path) -> bytes:
         raise FileNotFoundError(path)
 
@@ -182,7 +184,7 @@ def test_cpu_is_known_without_linux(monkeypatch: pytest.MonkeyPatch) -> None:
     cpu_identity.cache_clear()
 
 
-def test_no_folder_at_all_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fake) -> None:
+def test_error_without_any_folder_names_trimtab_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fake) -> None:
     fake()
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "my-gcc"))  # a file
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "gone"))
@@ -190,7 +192,7 @@ def test_no_folder_at_all_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         build_library("int nothing;")
 
 
-def test_imports_are_light(elsewhere) -> None:
+def test_importing_the_build_module_is_light(elsewhere) -> None:
     text = """
 import sys
 before = set(sys.modules)

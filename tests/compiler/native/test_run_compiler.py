@@ -1,4 +1,4 @@
-"""Running a compiler to an end, whatever it does."""
+"""Running a compiler: status, output, hangs, kills, full disks and interrupts."""
 
 import os
 import time
@@ -22,20 +22,20 @@ def is_running(process: int) -> bool:
         return False
 
 
-def test_gives_status_and_both_streams(tmp_path: Path) -> None:
+def test_returns_status_and_both_streams(tmp_path: Path) -> None:
     outcome = shell("echo out; echo err >&2; exit 3", tmp_path)
     assert outcome.status == 3
     assert sorted(outcome.text.split()) == ["err", "out"]
     assert outcome.interruption == ""
 
 
-def test_works_in_the_folder_without_input_and_speaks_english(tmp_path: Path) -> None:
+def test_runs_in_folder_without_input_in_c_locale(tmp_path: Path) -> None:
     assert shell('pwd; echo "$TMPDIR $LC_ALL"; cat', tmp_path).text.split() == [str(tmp_path), str(tmp_path), "C"]
 
 
 @pytest.mark.real_time
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc")
-def test_one_that_hangs_is_stopped_with_its_children(tmp_path: Path) -> None:
+def test_hanging_process_is_stopped_with_its_children(tmp_path: Path) -> None:
     began = time.monotonic()
     outcome = shell("sleep 60 & echo $! >child; wait", tmp_path, limit=0.3)
     assert time.monotonic() - began < 5.0
@@ -55,24 +55,24 @@ def test_one_that_hangs_is_stopped_with_its_children(tmp_path: Path) -> None:
         ("echo 'clang: error: unable to execute command: Killed'; exit 254", "child program was killed"),
     ],
 )
-def test_being_killed_is_no_verdict_on_the_program(tmp_path: Path, text: str, words: str) -> None:
+def test_killed_compiler_is_reported_as_interruption(tmp_path: Path, text: str, words: str) -> None:
     assert words in shell(text, tmp_path).interruption
 
 
 @pytest.mark.parametrize("text", ["No space left on device", "Disk quota exceeded", "File too large"])
-def test_full_disk_is_an_os_error_only_where_it_failed(tmp_path: Path, text: str) -> None:
+def test_full_disk_raises_os_error_only_on_failure(tmp_path: Path, text: str) -> None:
     with pytest.raises(OSError, match=text):
         shell(f"echo 'as: a.o: {text}'; exit 1", tmp_path)
     assert shell(f"echo 'warning: {text}'; exit 0", tmp_path).status == 0
 
 
-def test_one_that_cannot_be_started_is_an_outcome(tmp_path: Path) -> None:
+def test_unstartable_compiler_returns_status_127(tmp_path: Path) -> None:
     outcome = run_compiler((str(tmp_path / "gone"),), tmp_path, 1.0)
     assert outcome.status == 127
     assert "could not be started" in outcome.text
 
 
-def test_an_interrupt_stops_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keyboard_interrupt_stops_the_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import subprocess
 
     started = []

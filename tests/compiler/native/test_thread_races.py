@@ -62,14 +62,14 @@ def usable(tmp_path_factory):
         pytest.skip(f"ThreadSanitizer does not run here: {tried.stderr[:200]}")
 
 
-def test_a_race_would_be_seen(usable, tmp_path):
+def test_sanitizer_detects_a_deliberate_race(usable, tmp_path):
     ended = run(RACE, tmp_path)
     assert ended.returncode == FOUND, ended.stderr
     assert "data race" in ended.stderr
 
 
 @pytest.mark.parametrize("script", [FLIGHTS, LANES], ids=["flights", "lanes"])
-def test_there_is_none(usable, script, tmp_path):
+def test_compiled_programs_have_no_race(usable, script, tmp_path):
     ended = run(script, tmp_path)
     assert ended.returncode == 0, ended.stderr[-3000:]
     assert "ThreadSanitizer" not in ended.stderr
