@@ -76,7 +76,7 @@ def receiver(*pulses_us):
 STOPPED = (0.0, 1.5e-3, 0.0)
 
 
-def test_nothing_acts_before_it_is_armed(craft):
+def test_actuators_stay_safe_until_armed(craft):
     craft.run(100, command=(1.7e-3, 5000.0))
     assert (craft.acting, craft.lift, craft.duties.is_commanded) == (STOPPED, False, False)
     assert craft.duties.status.state == State.STANDBY
@@ -89,7 +89,7 @@ def test_nothing_acts_before_it_is_armed(craft):
     assert [m[1:] for m in craft.modes] == [("computer", "arm request"), ("disarmed", "disarm request")]
 
 
-def test_silence_stops_thrust_after_250_ms_and_lift_a_second_later_until_it_is_armed_anew(craft):
+def test_command_loss_stops_thrust_then_lift_until_rearmed(craft):
     craft.run(10, asks=[arm()])
     craft.run(100, command=(1.6e-3, 4000.0))
     last = craft.t // MS
@@ -111,7 +111,7 @@ def test_silence_stops_thrust_after_250_ms_and_lift_a_second_later_until_it_is_a
 
 
 @pytest.mark.parametrize("wrong", [(1.6e-3, NAN), (1.6e-3, 1e6), (5e-3, 0.0)])
-def test_commands_that_cannot_be_believed_are_silence(craft, wrong):
+def test_implausible_commands_count_as_no_command(craft, wrong):
     craft.run(10, asks=[arm()])
     craft.run(50, command=(1.6e-3, 4000.0))
     craft.run(300, command=wrong)
@@ -119,7 +119,7 @@ def test_commands_that_cannot_be_believed_are_silence(craft, wrong):
     assert craft.duties.step.result("rejected") == 30
 
 
-def test_commands_of_another_time_are_silence(craft):
+def test_commands_with_wrong_time_count_as_no_command(craft):
     """Recorded ones, or those of an autopilot that takes another clock for the vehicle's."""
     craft.run(10, asks=[arm()])
     craft.run(2000, command=(1.6e-3, 4000.0))
@@ -130,7 +130,7 @@ def test_commands_of_another_time_are_silence(craft):
     assert craft.duties.mode == ("failsafe", "no command")
 
 
-def test_the_receivers_switch_takes_over_and_gives_back(craft):
+def test_receiver_switch_takes_over_and_returns_control(craft):
     """Channel 5 above 1.5 ms: the sticks rule, channel by channel from the failsafe's low to its high."""
     craft.run(10, asks=[arm()])
     craft.run(50, command=(1.6e-3, 4000.0))
@@ -145,7 +145,7 @@ def test_the_receivers_switch_takes_over_and_gives_back(craft):
     assert (craft.acting, craft.duties.mode.mode) == ((1.0, 1.6e-3, 4000.0), "computer")
 
 
-def test_a_receiver_that_falls_silent_stops_it_also_in_the_pilots_hands(craft):
+def test_receiver_loss_triggers_failsafe_in_manual_mode(craft):
     craft.run(10, asks=[arm()])
     craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [receiver(1500, 1750, 1500, 1500, 1900)])
     craft.run(490)
@@ -154,7 +154,7 @@ def test_a_receiver_that_falls_silent_stops_it_also_in_the_pilots_hands(craft):
     assert (craft.acting, craft.duties.mode) == (STOPPED, ("failsafe", "pilot's radio lost"))
 
 
-def test_sticks_that_are_given_back_are_not_missed(craft):
+def test_released_receiver_is_not_a_lost_radio(craft):
     """A release is no lost radio: the autopilot flies on, and the vehicle may be armed again later."""
     craft.run(10, asks=[arm()])
     craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [receiver(1500, 1750, 1500, 1500, 1900)])
@@ -164,7 +164,7 @@ def test_sticks_that_are_given_back_are_not_missed(craft):
     assert craft.duties.pilot.radio_silence(craft.t) is None
 
 
-def test_a_receiver_heard_after_a_release_is_not_forgotten(craft):
+def test_receiver_stays_active_after_another_stations_release(craft):
     """Another station gives its sticks back in the same moment."""
     craft.run(10, asks=[arm()])
     released = ReceiverChannels((NAN,) * 18, is_release=True)
@@ -174,7 +174,7 @@ def test_a_receiver_heard_after_a_release_is_not_forgotten(craft):
     assert craft.duties.pilot.radio_silence(craft.t) is not None
 
 
-def test_channels_without_sticks_are_no_pilot(craft):
+def test_receiver_without_stick_channels_does_not_take_over(craft):
     """The switch alone, and a receiver without its channels, rule nothing."""
     craft.run(10, asks=[arm()])
     for pulses in ((NAN, NAN, NAN, NAN, 1900), (1500,), (1500, NAN, 1500, 1500, 1900)):
@@ -194,14 +194,14 @@ def test_a_ground_station_takes_over_by_mode_and_joystick(craft):
     assert craft.duties.mode.mode == "computer"
 
 
-def test_of_two_requests_in_one_step_the_last_counts(craft):
+def test_last_of_two_requests_in_one_step_wins(craft):
     craft.run(10, asks=[arm(), arm(False)])
     assert not craft.duties.is_commanded
     craft.run(10, asks=[arm(False), arm()])
     assert craft.duties.is_commanded
 
 
-def test_without_limits_there_is_no_place_for_a_stick():
+def test_joystick_is_ignored_without_command_limits():
     """A vehicle about whose commands nothing is known: a nudge would ask for 1e299 of something."""
     wide = Failsafe(
         safe=DriveCommand(rudder_pulse=0.0, speed_rpm=0.0),
@@ -216,7 +216,7 @@ def test_without_limits_there_is_no_place_for_a_stick():
     assert duties.mode.mode == "computer"
 
 
-def test_beyond_a_limit_it_stops_with_that_cause_and_stays_so(craft):
+def test_limit_breach_latches_failsafe_with_its_cause(craft):
     for kind in ("fence", "envelope"):
         craft.run(10, asks=[arm()])
         craft.run(50, command=(1.6e-3, 4000.0))
@@ -228,7 +228,7 @@ def test_beyond_a_limit_it_stops_with_that_cause_and_stays_so(craft):
         assert craft.duties.mode == ("failsafe", kind)
 
 
-def test_the_safety_pilot_brings_it_back_inside(craft):
+def test_safety_pilot_overrides_a_fence_breach(craft):
     craft.run(10, asks=[arm()])
     craft.duties.breach = "fence"
     craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [receiver(1500, 1750, 1500, 1500, 1900)])

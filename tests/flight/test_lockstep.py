@@ -40,7 +40,7 @@ def same(log, simulated, *, age=True):
         np.testing.assert_array_equal(log[path], simulated[path][rows], err_msg=path)
 
 
-def test_over_a_serial_cable(tmp_path):
+def test_lockstep_over_serial_cable_matches_simulation(tmp_path):
     with SerialPair(tmp_path) as cable:
         left, right = cable.uris
         more = ("--lockstep", "--duration", "2", "--seed", "4")
@@ -55,7 +55,7 @@ def test_over_a_serial_cable(tmp_path):
     assert dict(logs[0].final) == {p: simulated.final[p] for p in logs[0].final}
 
 
-def test_over_udp_that_loses_and_delays(tmp_path):
+def test_lockstep_over_lossy_udp_matches_simulation(tmp_path):
     """One packet in fifty is lost, and all are late: what comes is the same, only later."""
     port = free_port()
     with UdpRelay(("127.0.0.1", port), delay=0.001, jitter=0.0005, loss=0.02, seed=1) as relay:
@@ -106,7 +106,7 @@ class LosingLink:
         return self._count in self._lost or self._link.send(packet)
 
 
-def test_no_step_is_flown_on_samples_that_are_missing(tmp_path):
+def test_lost_packets_are_resent_without_changing_results(tmp_path):
     """The vehicle's samples and instants, and the autopilot's answers, lost once each: sent again, nothing else."""
     scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     scenario = replace(scenario, duration=seconds(0.1))
@@ -119,7 +119,7 @@ def test_no_step_is_flown_on_samples_that_are_missing(tmp_path):
         same(log, simulated)
 
 
-def test_a_last_command_that_is_lost_is_sent_again(tmp_path):
+def test_lost_last_command_is_resent(tmp_path):
     """Every other packet of the autopilot is lost, so the first attempt of each command, that of the last one too."""
     scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     scenario = replace(scenario, duration=seconds(0.02))
@@ -132,7 +132,7 @@ def test_a_last_command_that_is_lost_is_sent_again(tmp_path):
         same(log, simulated)
 
 
-def test_a_predictor_is_the_autopilots_own_business(tmp_path):
+def test_predictor_runs_on_the_autopilot_only(tmp_path):
     """The vehicle knows of none, and what is predicted comes into the flight's log."""
     plain, flown = (
         replace(build("hovercraft/zero-velocity", {"predictor": word}), duration=seconds(0.5)) for word in ("off", "on")
@@ -146,7 +146,7 @@ def test_a_predictor_is_the_autopilots_own_business(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "navigation"), NAVIGATED)
-def test_every_hovercraft_scenario_meets_its_targets_in_step(name, navigation, tmp_path):
+def test_every_hovercraft_scenario_meets_its_targets_in_lockstep(name, navigation, tmp_path):
     """Whole flights: each number is that of `simulate`, so the targets are reached when and as it says."""
     scenario, _ = catalogue.load_scenario(name, {"navigation": navigation})
     seed = SEEDS[navigation]
@@ -163,7 +163,7 @@ def test_every_hovercraft_scenario_meets_its_targets_in_step(name, navigation, t
         assert found[path]["first_reach_s"] is not None, path
 
 
-def test_with_a_bus_on_the_vehicle(tmp_path):
+def test_lockstep_with_vehicle_bus_matches_simulation(tmp_path):
     """The bus is the vehicle's own: a real line takes the place of the radio alone. A minute, to compile."""
     line, chosen = f"udp://127.0.0.1:{free_port()}", {"navigation": "ins", "bus": "slave"}
     more = [word for name, value in chosen.items() for word in ("--set", f"{name}={value}")]

@@ -54,7 +54,7 @@ def unfit():
     return why_not()
 
 
-def test_forward_reaches_its_speed_over_a_line_that_delays_and_loses(tmp_path):
+def test_forward_flight_reaches_speed_over_delayed_lossy_link(tmp_path):
     if reason := unfit():
         pytest.skip(reason)
     for attempt in range(3):

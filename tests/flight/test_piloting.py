@@ -148,12 +148,12 @@ def flown(tmp_path_factory):
     return SimpleNamespace(page=page, log=log, held=held, flight=flight[0])
 
 
-def test_the_vehicle_waits_for_its_pilot(flown):
+def test_vehicle_stays_disarmed_until_the_pilot_arms(flown):
     assert flown.held == 0
     assert "the vehicle was never armed" not in flown.flight.problems
 
 
-def test_the_stick_moved_it_and_the_log_has_the_stick(flown):
+def test_stick_moves_the_vehicle_and_is_logged(flown):
     log = flown.log
     assert log["downlink.stick.value.forward"].max() == 1.0
     assert log["downlink.stick.value.mode"][-1] == 1
@@ -162,7 +162,7 @@ def test_the_stick_moved_it_and_the_log_has_the_stick(flown):
     assert log["estimate.state.surge_velocity"].max() > 0.3
 
 
-def test_a_gain_is_changed_within_its_bounds_and_the_change_is_in_the_log(flown):
+def test_gain_change_within_bounds_is_applied_and_logged(flown):
     good, bad, unknown = (flown.page.answer(k) for k in (7, 8, 9))
     assert (good["ok"], bad["ok"], unknown["ok"]) == (True, False, False)
     assert "must be" in bad["text"]
@@ -172,14 +172,14 @@ def test_a_gain_is_changed_within_its_bounds_and_the_change_is_in_the_log(flown)
     assert values[:2] == [1.7, 1.7]
 
 
-def test_of_two_requests_in_one_period_the_second_is_refused(flown):
+def test_second_request_in_one_period_is_refused(flown):
     """A step takes one: the other would be lost, and nobody would know."""
     first, second = (flown.page.answer(k) for k in (10, 12))
     assert (first["ok"], second["ok"]) == (True, False)
     assert "try again" in second["text"]
 
 
-def test_a_silent_stick_holds_then_ends(flown):
+def test_stick_timeout_holds_then_ends_the_flight(flown):
     told = [e["text"] for e in flown.log.metadata["events"]]
     hold = next(k for k, text in enumerate(told) if "supervisor: hold: hold request" in text)
     end = next(k for k, text in enumerate(told) if "flight ended" in text)
@@ -188,12 +188,12 @@ def test_a_silent_stick_holds_then_ends(flown):
     assert times[end] - times[hold] == pytest.approx(2.5, abs=0.5)
 
 
-def test_the_same_frames_give_the_same_commands_to_the_bit(flown):
+def test_replayed_frames_give_bit_identical_commands(flown):
     found = replay(flown.log, rebuild_scenario(flown.log), backend="c")
     assert (found.exact, found.equal, found.first) == (True, True, None)
 
 
-def test_timing_and_latency_are_told(flown):
+def test_timing_and_stick_latency_are_sent_to_console(flown):
     timing = [m for m in flown.page.messages if m["type"] == "timing"]
     assert timing
     deadlines = timing[-1]["deadlines"]

@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is No
 URI = f"rfcomm://{VEHICLE}/1"
 
 
-def test_a_flight_over_virtual_radios_is_the_simulation(tmp_path):
+def test_lockstep_over_virtual_bluetooth_matches_simulation(tmp_path):
     scenario, _ = catalogue.load_scenario("hovercraft/forward")
     scenario = replace(scenario, duration=seconds("0.5"))
     radios = Radios()

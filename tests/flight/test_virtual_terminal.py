@@ -12,7 +12,7 @@ def start():
     return time, clock, terminal, written, terminal.open_queue(written.append)
 
 
-def test_lines_wait_in_their_order_until_the_terminal_goes_on():
+def test_queued_lines_keep_order_until_the_terminal_resumes():
     time, _, terminal, written, lines = start()
     lines.put("a")
     terminal.hangs = True
@@ -48,7 +48,7 @@ def test_settling_takes_no_longer_than_the_terminal_hangs():
     assert 0.3 <= time.seconds < 0.31
 
 
-def test_a_program_that_writes_by_itself_stands_still():
+def test_direct_write_blocks_while_the_terminal_hangs():
     time, clock, terminal, _, _ = start()
     times = []
 

@@ -23,7 +23,7 @@ from trimtab.run.blocks import compile_world
     st.integers(2, 100),
     st.integers(1, 2000),
 )
-def test_instants_are_those_of_the_timetable(periods, max_step, duration):
+def test_instants_match_the_timetable(periods, max_step, duration):
     wanted = timetable(periods, 3000, max_step).t
     found = np.array(list(takewhile(lambda t: t < 3000, instants(periods, max_step))))
     np.testing.assert_array_equal(found[found < duration], wanted[wanted < duration])
@@ -31,7 +31,7 @@ def test_instants_are_those_of_the_timetable(periods, max_step, duration):
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_a_row_has_the_gust_that_a_simulation_logs():
+def test_logged_gust_matches_the_simulation():
     """A body that nobody steers, in turbulence: gust and truth of each row are those of the simulation, to the bit."""
     scenario = throw()
     log = simulate(scenario, seed=3, duration="200 ms")

@@ -19,7 +19,7 @@ class Line:
         return b"." if self.left >= 0 else None
 
 
-def test_takes_all_packets_before_an_instant_and_is_never_early():
+def test_wait_handles_all_packets_and_is_never_early():
     line, heard = Line(500, step=1_000), []
     clock = WallClock(line)
     due = clock.now() + 200_000

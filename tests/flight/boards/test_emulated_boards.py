@@ -120,7 +120,7 @@ def test_instructions_and_stack_are_exact(tmp_path, target):
 
 
 @needs_board
-def test_instructions_that_depend_on_the_input(tmp_path):
+def test_input_dependent_instruction_counts_are_exact(tmp_path):
     """autopilot_in starts with the double `acceleration`: its high word says how often the loop goes round."""
     step = in_assembly("ldr r0, [r2, #4]", "lsrs r0, #20", "1: subs r0, #1", "bne 1b", "bx lr")
     folder = exported(tmp_path / "known", step=step)
@@ -133,7 +133,7 @@ def test_instructions_that_depend_on_the_input(tmp_path):
 
 @pytest.mark.thorough
 @needs_board
-def test_counts_and_sizes(tmp_path):
+def test_instruction_counts_repeat_and_memory_sizes_match(tmp_path):
     folder = exported(tmp_path / "sample")
     m7, again, m4 = emulate(folder, "cortex-m7"), emulate(folder, "cortex-m7"), emulate(folder, "cortex-m4")
     assert np.array_equal(m7.instructions, again.instructions)
@@ -166,13 +166,13 @@ UNUSED = "(void)p, (void)s, (void)in, (void)out;"
         ("for (;;) __asm volatile(\"\");", "ended after 1 s"),
     ],
 )  # fmt: skip
-def test_an_autopilot_that_cannot_fly_is_refused(tmp_path, statements, why):
+def test_rejects_faulty_autopilot_code(tmp_path, statements, why):
     folder = exported(tmp_path / "bad", step=f"{BODY}{UNUSED} {statements} }}\n")
     with pytest.raises(InputError, match=why):
         emulate(folder, "cortex-m7", steps=2, limit_s=1.0)
 
 
-def test_vectors_that_do_not_fit_are_refused(tmp_path):
+def test_rejects_mismatched_vectors_file(tmp_path):
     folder = exported(tmp_path / "bad", **{"VECTORS_IN = 4": "VECTORS_IN = 3"})
     with pytest.raises(InputError, match=r"2 steps.* 9 columns; vectors\.h says 3 inputs and 5 outputs"):
         read_vectors(folder, 2)
@@ -187,7 +187,7 @@ def test_vectors_that_do_not_fit_are_refused(tmp_path):
 
 
 @needs_board
-def test_a_timer_at_another_speed_is_refused(tmp_path, monkeypatch):
+def test_rejects_board_timer_at_wrong_speed(tmp_path, monkeypatch):
     """Calibration on the known loops: with the wrong clock they don't come out."""
     folder = exported(tmp_path / "sample")
     monkeypatch.setitem(TARGETS, "cortex-m7", TARGETS["cortex-m7"]._replace(clock=20_000_000))
@@ -209,7 +209,7 @@ def test_unknown_target_and_missing_tools_name_the_fix(tmp_path, monkeypatch):
 
 
 @needs_board
-def test_a_step_that_needs_a_workspace_is_given_it(tmp_path):
+def test_large_step_gets_its_workspace_in_ram(tmp_path):
     """What a large program keeps beside its structures lies where the caller says; it counts as RAM."""
 
     def step(p, s, u):

@@ -99,14 +99,14 @@ def run(dialect, total, signed, datagrams):
 
 @pytest.mark.parametrize("signed", [True, False])
 @pytest.mark.parametrize("datagrams", [True, False])
-def test_nothing_gets_through_and_what_is_true_does(dialect, signed, datagrams):
+def test_fuzzed_bytes_are_rejected_and_valid_packets_accepted(dialect, signed, datagrams):
     check(dialect, QUICK, signed, datagrams)
 
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("datagrams", [True, False])
-def test_ten_million_bytes(dialect, datagrams):
+def test_ten_million_fuzzed_bytes_are_handled(dialect, datagrams):
     """Some seconds each on an idle machine."""
     check(dialect, LONG, True, datagrams)
 

@@ -77,7 +77,7 @@ def bench(boat):
 
 
 @pytest.mark.real_time
-def test_each_frame_is_a_step_and_the_vehicle_waits_for_its_pulses(bench):
+def test_vehicle_is_held_until_pulses_then_steps_per_frame(bench):
     states = [bench.exchange(REST) for _ in range(3)]
     assert [s["timestamp"] for s in states] == [0.0, 0.0025, 0.005]
     assert all(s["accel_body"][2] == pytest.approx(-9.80665) and s["velocity"] == [0, 0, 0] for s in states)
@@ -91,7 +91,7 @@ def test_each_frame_is_a_step_and_the_vehicle_waits_for_its_pulses(bench):
 
 
 @pytest.mark.real_time
-def test_its_course_is_that_of_the_compiled_world_under_the_same_command(bench, boat):
+def test_motion_matches_the_compiled_world(bench, boat):
     """By hand: the world's own step, with the command that 1800 µs stands for."""
     scenario, vehicle = boat
     for _ in range(401):
@@ -111,7 +111,7 @@ def test_its_course_is_that_of_the_compiled_world_under_the_same_command(bench, 
 
 
 @pytest.mark.real_time
-def test_a_frame_that_comes_again_is_answered_as_before_and_flown_once(bench):
+def test_repeated_frame_gets_the_same_answer_without_stepping(bench):
     first = [bench.exchange(PUSH) for _ in range(5)][-1]
     assert bench.exchange(REST, count=4) == first
     assert bench.physics.tally.repeated == 1
@@ -119,7 +119,7 @@ def test_a_frame_that_comes_again_is_answered_as_before_and_flown_once(bench):
 
 
 @pytest.mark.real_time
-def test_frames_that_were_lost_are_flown_under_the_pulses_of_before(bench, boat):
+def test_lost_frames_are_flown_with_the_previous_pulses(bench, boat):
     for count in range(400):
         bench.exchange(PUSH, count)
     lossy = bench.exchange(REST, count=410)
@@ -136,20 +136,20 @@ def test_frames_that_were_lost_are_flown_under_the_pulses_of_before(bench, boat)
 
 
 @pytest.mark.real_time
-def test_a_gap_of_more_than_a_second_is_flown_for_one(bench):
+def test_frame_gap_is_limited_to_one_second(bench):
     bench.exchange(PUSH, count=0)
     assert bench.exchange(PUSH, count=1_000_000)["timestamp"] == pytest.approx(1.0 + 0.0025)
 
 
 @pytest.mark.real_time
-def test_a_count_beyond_32_bits_begins_again_at_zero_and_is_the_next_one(bench):
+def test_frame_count_wraps_at_32_bits(bench):
     bench.exchange(PUSH, count=2**32 - 1)
     assert bench.exchange(PUSH, count=0)["timestamp"] == 0.0025
     assert bench.physics.tally.missed == 0
 
 
 @pytest.mark.real_time
-def test_a_frame_that_comes_too_late_is_left_alone(bench):
+def test_late_frame_is_ignored_and_counted(bench):
     for count in range(20):
         bench.exchange(PUSH, count)
     assert bench.exchange(REST, count=12) is None
@@ -159,7 +159,7 @@ def test_a_frame_that_comes_too_late_is_left_alone(bench):
 
 @pytest.mark.real_time
 @pytest.mark.parametrize(("last", "count"), [(5, 0), (3000, 0), (3000, 40)])
-def test_a_count_that_goes_back_begins_another_flight(bench, last, count):
+def test_decreasing_frame_count_starts_another_flight(bench, last, count):
     for k in range(last - 3, last + 1):
         bench.exchange(PUSH, k)
     again = bench.exchange(REST, count)
@@ -170,7 +170,7 @@ def test_a_count_that_goes_back_begins_another_flight(bench, last, count):
 
 
 @pytest.mark.real_time
-def test_another_sender_is_not_answered_and_the_first_flies_on(bench, monkeypatch):
+def test_second_sender_is_ignored_until_first_falls_silent(bench, monkeypatch):
     bench.exchange(PUSH)
     other = FakeArduPilot(bench.port)
     try:
@@ -187,7 +187,7 @@ def test_another_sender_is_not_answered_and_the_first_flies_on(bench, monkeypatc
 
 
 @pytest.mark.real_time
-def test_what_is_no_frame_is_counted_told_once_and_not_answered(bench):
+def test_malformed_packet_is_counted_and_reported_once(bench):
     bench.exchange(PUSH)
     for _ in range(3):
         bench.pilot.socket.sendto(b"hello, is this the physics?", bench.pilot.place)
@@ -198,7 +198,7 @@ def test_what_is_no_frame_is_counted_told_once_and_not_answered(bench):
 
 
 @pytest.mark.thorough
-def test_channels_may_be_thirty_two_in_another_order_and_without_a_pulse(boat):
+def test_any_of_32_channels_can_drive_the_command(boat):
     scenario, _ = boat
     vehicle = PulsedVehicle(scenario, seed=0, channels=(20, 3), release=1700e-6)
     reads = vehicle._world.reads
@@ -227,14 +227,14 @@ def test_channels_may_be_thirty_two_in_another_order_and_without_a_pulse(boat):
         (("--ardupilot", "9002"), "is not HOST:PORT"),
     ],
 )
-def test_what_does_not_go_together_is_refused_before_anything_is_compiled(words, said):
+def test_rejects_incompatible_options_before_compiling(words, said):
     refused = CliRunner().invoke(main, ["vehicle", "vessel/path", *words])
     assert refused.exit_code == 2
     assert said in " ".join(refused.output.split())
 
 
 @pytest.mark.real_time
-def test_an_autopilot_written_from_ardupilots_pages_hovers_with_the_quadrotor(tmp_path):
+def test_fake_ardupilot_hovers_the_quadrotor(tmp_path):
     """It stands at idle, is let go as its pulses pass 1.5 ms, and flies to a place; then it is started again."""
     port = free_port()
     words = ("--set", "trajectory=place", "--release", "1500", "--duration", "8", "--out", str(tmp_path / "there"))

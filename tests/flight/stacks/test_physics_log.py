@@ -39,7 +39,7 @@ def fly(flights, steps):
 
 
 @pytest.mark.thorough
-def test_each_flight_begins_anew_in_a_log_of_its_own(flights, tmp_path):
+def test_each_flight_restarts_with_its_own_log(flights, tmp_path):
     flights.begin("somebody came")
     fly(flights, 20)
     flights.begin("somebody came again")
@@ -57,7 +57,7 @@ def test_each_flight_begins_anew_in_a_log_of_its_own(flights, tmp_path):
     assert (summary.flights, summary.file, summary.problems) == (2, tmp_path / "vehicle-2.mcap", ())
 
 
-def test_a_line_is_told_once_a_flood_of_them_ends_and_a_problem_is_kept(flights):
+def test_reports_are_limited_and_problems_are_kept(flights):
     flights.begin("somebody came")
     for _ in range(3):
         flights.report_once("the same")

@@ -43,7 +43,7 @@ def test_the_list_begins_with_the_hash_of_what_follows(master):
     assert bits(first) == crc_by_bits(data)
 
 
-def test_it_changes_with_a_value_and_comes_back(master):
+def test_hash_changes_with_a_value_and_returns(master):
     def ask():
         master.mav.param_request_read_send(1, 1, b"_HASH_CHECK", -1)
         return bits(master.recv_match("PARAM_VALUE"))
@@ -55,14 +55,14 @@ def test_it_changes_with_a_value_and_comes_back(master):
         assert (ask() == before) == same
 
 
-def test_a_station_that_has_them_all_ends_the_list(master):
+def test_station_ends_the_list_by_returning_the_hash(master):
     master.mav.param_request_list_send(1, 1)
     (first,) = master.heard("PARAM_VALUE", 10)
     master.mav.param_set_send(1, 1, b"_HASH_CHECK", first.param_value, common.MAV_PARAM_TYPE_UINT32)
     assert master.heard("PARAM_VALUE", 1000) == []
 
 
-def test_a_list_that_is_asked_for_again_meanwhile_has_no_hash(master):
+def test_list_requested_again_while_sending_has_no_hash(master):
     master.mav.param_request_list_send(1, 1)
     master.heard("PARAM_VALUE", 30)
     assert [m.param_id for m in listed(master)] == list(parameters().table())

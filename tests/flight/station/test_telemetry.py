@@ -19,7 +19,7 @@ SEEN = VehicleMotion((1.0, -2.0, 3.0), (0.1, -0.2, 7.0), (3.0, 4.0, 0.0), (0.4, 
 
 
 @given(st.tuples(angle, angle, angle), st.tuples(speed, speed, speed))
-def test_vectors_are_turned_as_scipy_turns_them(attitude, vector):
+def test_rotation_to_world_matches_scipy(attitude, vector):
     roll, pitch, yaw = attitude
     expected = Rotation.from_euler("ZYX", [yaw, pitch, roll]).apply(vector)
     assert telemetry.rotate_to_world(attitude, vector) == pytest.approx(expected, abs=1e-9)
@@ -33,7 +33,7 @@ def test_attitude_is_wrapped_and_timed():
     assert [found[n] for n in ("rollspeed", "pitchspeed", "yawspeed")] == [0.4, 0.5, 0.6]
 
 
-def test_position_and_head_up_agree():
+def test_local_position_and_vfr_hud_agree():
     place, shown = telemetry.local_position(0, SEEN), telemetry.vfr_hud(SEEN)
     assert (place["x"], place["y"], place["z"]) == (1.0, -2.0, 3.0)
     assert shown["alt"] == -3.0
@@ -44,7 +44,7 @@ def test_position_and_head_up_agree():
     assert telemetry.vfr_hud(SEEN._replace(attitude=(0.0, 0.0, math.radians(-0.4))))["heading"] == 0
 
 
-def test_inertial_sample_with_and_without_magnetometer():
+def test_imu_update_flags_reflect_the_magnetometer():
     bare = telemetry.inertial_sample(seconds(2), (1.0, 2.0, -9.8), (0.1, 0.2, 0.3))
     assert (bare["time_usec"], bare["zacc"], bare["xgyro"], bare["xmag"]) == (2_000_000, -9.8, 0.1, 0.0)
     assert bare["fields_updated"] == 0b000_111_111
@@ -63,7 +63,7 @@ def test_servos_and_receiver_give_microseconds():
     assert telemetry.receiver_channels(0, ())["chancount"] == 0
 
 
-def test_health_counts_the_line_and_only_what_is_there():
+def test_health_reports_link_loss_and_present_sensors_only():
     found = telemetry.system_health(Health.GYRO | Health.MOTORS, Health.GYRO | Health.MAGNETOMETER, 1, 3, 70_000)
     assert found["onboard_control_sensors_present"] == 0x8001
     assert found["onboard_control_sensors_health"] & 0x8007 == 1

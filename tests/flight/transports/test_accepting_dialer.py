@@ -64,7 +64,7 @@ def line():
     found.close()
 
 
-def test_twelve_mute_callers_do_not_keep_the_line_from_one_who_speaks(line):
+def test_mute_callers_do_not_block_a_sending_caller(line):
     for _ in range(12):
         line.call()
     assert line.receive() is None
@@ -76,13 +76,13 @@ def test_twelve_mute_callers_do_not_keep_the_line_from_one_who_speaks(line):
     assert good.recv(10) == b"answer"
 
 
-def test_who_speaks_comes_before_who_waits_longer(line):
+def test_sending_caller_precedes_longer_waiting_mute_caller(line):
     line.call()
     line.call(b"good")
     assert line.receive() == b"good"
 
 
-def test_callers_that_send_noise_have_the_line_for_a_trial_each(line):
+def test_noise_callers_hold_the_link_for_one_trial(line):
     for _ in range(12):
         line.call(b"noise")
     line.call(b"good")
@@ -92,7 +92,7 @@ def test_callers_that_send_noise_have_the_line_for_a_trial_each(line):
     assert heard[heard.index(b"good") + 1 :].count(b"noise") == 0
 
 
-def test_who_sends_good_packets_keeps_the_line_and_loses_it_by_silence(line):
+def test_good_caller_keeps_the_link_until_silent(line):
     good = line.call(b"good")
     assert line.receive(accept=[b"good"]) == b"good"
     line.call(b"noise")
@@ -126,7 +126,7 @@ def test_callers_beyond_the_limit_close_the_oldest(line):
     assert first.recv(1) == b""
 
 
-def test_callers_that_have_gone_are_forgotten(line):
+def test_closed_callers_are_dropped(line):
     line.call().close()
     good = line.call(b"good")
     line.clock.now += TRIAL

@@ -51,7 +51,7 @@ def survivors(side, n):
     return kept
 
 
-def test_two_hosts_with_delay_jitter_and_loss():
+def test_udp_echo_between_hosts_matches_relay_losses():
     if reason := why_not():
         pytest.skip(reason)
     weather = [f"--delay={DELAY}", f"--jitter={JITTER}", f"--loss={LOSS}", f"--seed={SEED}"]

@@ -65,7 +65,7 @@ def test_radios_that_lost_each_other_connect_again(pair, radios):
     assert (vehicle.statistics.reconnects, ground.statistics.reconnects) == (1, 1)
 
 
-def test_a_ground_station_that_restarts_is_taken_again(pair, radios):
+def test_restarted_ground_station_is_accepted_again(pair, radios):
     vehicle, ground = pair
     ground.close()
     while vehicle.statistics.connected:

@@ -83,7 +83,7 @@ def test_strangers_never_evict_known_peers():
     run_in_virtual_time(body)
 
 
-def test_strangers_are_told_nothing():
+def test_strangers_receive_no_packets():
     def body(line):
         server, friend = line.listen(), line.call()
         strangers = [line.call() for _ in range(MOST_PEERS + 3)]
@@ -103,7 +103,7 @@ def test_strangers_are_told_nothing():
     run_in_virtual_time(body)
 
 
-def test_one_packet_vouches_once():
+def test_each_packet_accepts_its_sender_once():
     def body(line):
         server, friend = line.listen(), line.call()
         server.accept_sender()  # nothing was received
@@ -203,7 +203,7 @@ def test_kernel_sockets_carry_packets_both_ways():
 
 
 @pytest.mark.real_time
-def test_the_kernel_passes_on_only_packets_of_the_called_end():
+def test_calling_socket_receives_only_from_its_peer():
     port = free_port(socket.SOCK_DGRAM)
     client = open_link(f"udp://127.0.0.1:{port}")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
