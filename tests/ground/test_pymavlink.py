@@ -101,7 +101,7 @@ class Peer:
         self._socket.close()
 
 
-def test_a_station_with_the_key_reads_arms_and_changes(tmp_path):
+def test_station_with_the_key_reads_arms_and_sets_parameters(tmp_path):
     with served(tmp_path, "--origin", "38.9897,-76.9378,20") as vehicle:
         peer = Peer(vehicle.port, vehicle.passphrase)
         beat = peer.await_("HEARTBEAT")
@@ -138,7 +138,7 @@ def test_a_station_with_the_key_reads_arms_and_changes(tmp_path):
         peer.close()
 
 
-def test_what_a_vehicle_has_not_is_refused_at_once_and_its_log_can_be_read(tmp_path, monkeypatch):
+def test_unsupported_requests_are_refused_and_log_is_readable(tmp_path, monkeypatch):
     """Reads the log that is being written, by pymavlink's client, signed, from a vehicle that runs."""
     mavftp, mavutil = (pytest.importorskip(f"pymavlink.{name}") for name in ("mavftp", "mavutil"))
     monkeypatch.setenv("MAVLINK20", "1")
@@ -172,7 +172,7 @@ def test_what_a_vehicle_has_not_is_refused_at_once_and_its_log_can_be_read(tmp_p
     assert report["wire"]["wrong_signature"] == report["wire"]["unsigned"] == 0
 
 
-def test_without_the_key_nothing_is_done_and_nothing_is_told(tmp_path):
+def test_station_without_the_key_is_ignored_and_unanswered(tmp_path):
     with served(tmp_path) as vehicle:
         port = vehicle.port
         for passphrase in (None, "a-passphrase-that-is-another"):

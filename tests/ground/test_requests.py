@@ -66,7 +66,7 @@ def ask(peer):
     peer.await_("HEARTBEAT", lambda m: m.system_status == CRITICAL and not m.base_mode & ARMED)
 
 
-def test_a_station_has_the_autopilot_hold_go_on_and_end(tmp_path):
+def test_station_makes_the_autopilot_hold_resume_and_end(tmp_path):
     with served(tmp_path / "config") as vehicle:
         peer = Peer(vehicle.port, vehicle.passphrase)
         peer.await_("HEARTBEAT")
