@@ -76,14 +76,14 @@ def test_loop_delay_is_76_ms():
     assert ages.mean() == ms(76 + 2) + ms("9.5")
 
 
-def test_without_delay_leaves_the_sample_and_hold():
+def test_disabled_delay_keeps_the_sample_and_hold():
     channel = without(DelayChain(ms(20), 2), "delay")
     assert (channel.period, channel.steps, channel.delay()) == (ms(20), 0, 0.0)
     with pytest.raises(InputError, match=r"no imperfection 'loss'.*\n.*delay"):
         without(channel, "loss")
 
 
-def test_a_number_of_delays_below_zero_is_refused():
+def test_rejects_invalid_number_of_delays():
     DelayChain(ms(6), 0).check()
     DelayChain(ms(6), 6).check()
     for steps in (-1, 1.5, "two", True):

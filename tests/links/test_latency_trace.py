@@ -17,7 +17,7 @@ RECORDED = Trace(
 HEAD = "sent_s,latency_s\n"
 
 
-def test_a_recording_comes_back_bit_by_bit(tmp_path):
+def test_recording_round_trips_bit_by_bit(tmp_path):
     write_trace(tmp_path / "a.csv", RECORDED)
     for got, want in zip(read_trace(tmp_path / "a.csv"), RECORDED, strict=True):
         np.testing.assert_array_equal(got, want)
@@ -61,7 +61,7 @@ def test_faults_are_switched_off_one_by_one():
         without(link, "order")
 
 
-def test_a_recording_in_which_all_is_lost_has_no_latency(drive):
+def test_trace_with_all_packets_lost_never_delivers(drive):
     link = LatencyTrace(np.zeros(2), np.ones(2, bool))
     assert (without(link, "jitter").latency == 0).all()
     _, out, state = drive(link, key(0), 100)
@@ -88,7 +88,7 @@ def test_a_recording_in_which_all_is_lost_has_no_latency(drive):
         (HEAD + "0.0\n0.02,0.04\n", ", line 2", "fields in '0.0': 1, must be 2"),
     ],
 )
-def test_a_file_that_is_no_recording_is_refused(tmp_path, text, where, why):
+def test_rejects_malformed_trace_file(tmp_path, text, where, why):
     path = tmp_path / "trace.csv"
     path.write_text(text)
     with pytest.raises(InputError, match=why) as caught:
@@ -115,7 +115,7 @@ def test_spaces_a_byte_order_mark_and_equal_times_are_read(tmp_path):
     np.testing.assert_array_equal(trace.lost, [False, True])
 
 
-def test_what_could_not_be_read_back_is_not_written(tmp_path):
+def test_invalid_latencies_are_not_written(tmp_path):
     for bad in (np.full(6, np.nan), np.full(6, -0.01)):
         with pytest.raises(InputError, match="line 2"):
             write_trace(tmp_path / "a.csv", RECORDED._replace(latency_s=bad))

@@ -72,7 +72,7 @@ def test_10_bytes_and_an_address_take_0_99_ms():
     assert int(np.argmax(out.valid)) == 99
 
 
-def test_the_last_piece_takes_what_it_holds():
+def test_last_piece_duration_depends_on_its_bytes():
     """Two pieces, of 10 bytes and of 5: the second begins 10 ms on and takes (5 + 1) 9 bits at 100 kHz."""
     _, out = flown(SlaveBus(period=ms("0.01"), queue=ms(20), capacity=2100), [0], 1100, ms("0.01"))
     assert int(np.argmax(out.valid)) == 1000 + 54
@@ -89,7 +89,7 @@ CASES = {
 
 @pytest.mark.parametrize("made", CASES.values(), ids=CASES)
 @pytest.mark.parametrize("size", [0, pytest.param(10, marks=pytest.mark.thorough), 37])
-def test_arrivals_are_those_of_the_slots(made, size):
+def test_arrivals_match_a_list_of_slots(made, size):
     n = 700
     state, out = flown(SlaveBus(size=size), made, n)
     arrivals = slots(made, size or BYTES)
@@ -101,18 +101,18 @@ def test_arrivals_are_those_of_the_slots(made, size):
     np.testing.assert_array_equal(out.value.unit[out.valid], out.t[out.valid])
 
 
-def test_a_message_follows_from_its_sample():
+def test_message_size_follows_from_the_sample():
     value = Ranges(np.zeros(4), np.zeros(4, bool), np.int32(0))
     assert SlaveBus().message_size(value) == BYTES
     assert SlaveBus(size=12).message_size(value) == 12
 
 
-def test_without_delay_it_is_a_wire():
+def test_without_delay_the_bus_is_a_wire():
     _, out = flown(without(SlaveBus(), "delay"), CASES["bursts"], 420)
     assert np.nonzero(out.fresh)[0].tolist() == CASES["bursts"]
 
 
-def test_refusals():
+def test_invalid_settings_are_rejected():
     with pytest.raises(InputError, match="takes 18"):
         replace(SlaveBus(), bit_rate=5.5e3).check()
     with pytest.raises(InputError, match="capacity"):
