@@ -30,7 +30,7 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def flown(scenario):
-    """One flight that every test below looks at. What comes in the pause before it is thrown away."""
+    """One flight, used by the tests below. Samples received in the pause before the flight are discarded."""
     return fly_pair(scenario, pause=0.3, duration=LENGTH)
 
 
@@ -53,7 +53,7 @@ def test_samples_discarded_before_flight_are_not_counted_lost(flown):
 
 
 def test_vehicle_is_held_until_armed_then_moves(flown):
-    """The scenario stops a craft that slides and spins."""
+    """In the scenario a sliding and spinning craft is brought to rest."""
     truth, held = flown.truth, flown.truth["firmware.held"].astype(bool)
     speed, yaw = np.hypot(truth["truth.surge_velocity"], truth["truth.sway_velocity"]), truth["truth.yaw_rate"]
     assert held.any()
@@ -75,7 +75,7 @@ def test_every_step_is_in_the_log(flown):
 
 
 def test_sample_times_match_vehicle_log_less_clock_offset(flown):
-    """Times of samples rise and are those of the vehicle's log, less one offset, to a fraction of a millisecond.
+    """Sample times increase and equal those of the vehicle's log, less one offset, within a fraction of a millisecond.
 
     Each sample's value, measured at a time by the vehicle's clock, is found in the vehicle's own log.
     """
@@ -167,7 +167,7 @@ def test_autopilot_skips_missed_periods_after_a_stall(scenario):
 
 
 def test_flood_of_unsigned_packets_delays_no_period(scenario):
-    """Sixty packets a millisecond, none of them signed, are refused; samples and commands go on."""
+    """Sixty unsigned packets per millisecond are refused. Samples and commands continue."""
 
     def pour(pair):
         def flood(machine):
@@ -241,7 +241,7 @@ def test_rejects_clock_an_hour_ahead_and_names_difference(scenario):
 
 
 def test_autopilot_interrupted_before_arming_sends_no_disarm(scenario):
-    """Somebody else may be flying the vehicle."""
+    """Another pilot may be flying the vehicle."""
 
     def fly(flyer, machine):
         flyer.link.send(flyer.endpoint.pack("COMMAND_LONG", {"command": 400, "param1": 1.0}))
@@ -276,7 +276,7 @@ def test_connect_without_vehicle_suggests_the_vehicle_command(scenario):
 
 
 def test_connect_waits_three_times_longer_if_heartbeats_arrive(scenario):
-    """Heartbeats and nothing else: the clock is never known, and the answer names it."""
+    """With heartbeats alone the clock stays unknown, and the error names the clock."""
 
     def beat(machine):
         link = machine.open_link(LISTEN, listen=True)
@@ -338,7 +338,7 @@ def test_rejects_vehicle_of_different_mass_unless_accepted(scenario):
 @pytest.mark.thorough
 @pytest.mark.timeout(3600)
 def test_hash_of_each_seed_is_unaffected_by_load(scenario):
-    """Random sleeps at one hand-over in a thousand, and a busy loop beside the second flight of each seed."""
+    """The second flight of each seed runs with a busy loop and random sleeps at one hand-over in a thousand."""
     draw, digests = random.Random(), set()
     for seed in range(100):
         quiet = fly_pair(scenario, seed, duration=seconds("0.5")).digest

@@ -1,4 +1,4 @@
-"""Samples wait for steps: one a step, each once, none for ever. The step only remembers what it was given."""
+"""Queue of received samples: one sample per step, each once, with limited delay. A fake step records its inputs."""
 
 from types import SimpleNamespace
 
@@ -21,7 +21,7 @@ MS = 10_000
 
 
 class Line:
-    """A vehicle that sends samples, and a pilot that hears them."""
+    """A vehicle that sends samples, and an autopilot end that receives them."""
 
     def __init__(self, any_order=(), period=MS, clock=None):
         self.step = Step(FRAME, Command(t=np.int64(0), valid=False, value=every()))
@@ -65,7 +65,7 @@ def test_duplicate_sample_is_counted_once():
 
 
 def test_overtaken_samples_reach_only_out_of_order_estimators():
-    """One that is older by more than half a second is for nobody."""
+    """A sample that is older by more than half a second is dropped."""
     line = Line(any_order=("inertial-unit",))
     for sensor in ("compass", "inertial-unit"):
         for k in (600, 602, 601, 603, 50, 604):
@@ -98,7 +98,7 @@ def test_full_queue_drops_and_counts_oldest_samples():
 
 
 def test_backlog_is_dropped_when_sample_rate_equals_step_rate():
-    """A burst of five, then one sample a step: without help all would be five steps late until the end."""
+    """A burst of five, then one sample per step. Without dropping, all samples would stay five steps late."""
     steps = LONGEST_BACKLOG // MS
     line = Line()
     for k in range(5):
@@ -113,7 +113,7 @@ def test_backlog_is_dropped_when_sample_rate_equals_step_rate():
 
 
 def test_slow_loop_drops_its_backlog_within_few_steps():
-    """Twenty steps a second: the age that a start left would else last for a quarter of a minute."""
+    """At twenty steps a second the initial backlog would otherwise last for a quarter of a minute."""
     slow, line = 50 * MS, Line(period=50 * MS)
     for k in range(6):
         line.send("compass", k * slow, 0.0)
@@ -180,7 +180,7 @@ def test_frames_have_the_paths_of_a_simulations_log():
 
 
 def test_sensor_with_backward_time_stamps_is_rejected_and_counted():
-    """They had been counted as overtaken, and each half second one was taken."""
+    """Regression: the samples were counted as overtaken, and one was accepted each half second."""
     line = Line()
     for k in range(200):
         line.send("compass", (1000 - 10 * k) * MS, 1.0)

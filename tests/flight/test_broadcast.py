@@ -1,4 +1,4 @@
-"""Samples go to the autopilot alone, and neither it nor a ground station sees a gap in the numbers."""
+"""Samples go to the autopilot only. Neither the autopilot nor a ground station sees gaps in sequence numbers."""
 
 import pytest
 from flight.transports.virtual_line import open_virtual_line

@@ -1,4 +1,4 @@
-"""A vehicle's answer to wrong clocks and wrong keys, on a virtual network: who is behind catches up, or is told."""
+"""A vehicle's answers to wrong clocks and wrong keys, on a virtual network."""
 
 import pytest
 from flight.mavlink.line import every
@@ -16,7 +16,7 @@ OTHER_KEY = passphrase_key("another-passphrase-than-that")
 
 
 def seconds_of(text, form):
-    """The number that stands where the form has {}."""
+    """Number in the text at the place of {} in the form."""
     before, after = form.split("{}")
     assert text.startswith(before)
     number, space, rest = text.removeprefix(before).partition(" ")
@@ -25,7 +25,7 @@ def seconds_of(text, form):
 
 
 class Line:
-    """A vehicle that refuses, and an autopilot whose clock or key may be another, on one UDP port."""
+    """A vehicle and an autopilot that may have another clock or key, on one UDP port."""
 
     def __init__(self, difference=0.0, key=KEY):
         line = open_virtual_line()
@@ -37,12 +37,12 @@ class Line:
         self.start_pilot(Endpoint(DIALECT, 1, 191, key, clock=lambda: self.unix() + difference))
 
     def start_pilot(self, endpoint, options=""):
-        """Start the autopilot, or start it again with another end. options: more words that were typed."""
+        """Start the autopilot, or restart it with another endpoint. options: further command line options."""
         self.pilot, typed = endpoint, f"trimtab fly it --link there{options}"
         self.remote = RemoteVehicle(endpoint, self.here, typed=typed, tell=self.heard.append)
 
     def run(self, ms):
-        """Both ends for so many ms of the vehicle's and the autopilot's time."""
+        """Run both ends for a number of milliseconds. Return the messages the vehicle accepted."""
         accepted = []
         for _ in range(0, ms, 10):
             self.now += 100_000
@@ -76,7 +76,7 @@ def opened(request):
 
 
 def test_autopilot_clock_30_s_behind_catches_up(opened):
-    """It had been refused for half a minute, longer than it waits."""
+    """Regression: the autopilot was refused for half a minute, longer than its timeout."""
     line = opened(-30.0)
     accepted = line.run(400)
     assert {m.name for m in accepted} == {"TIMESYNC"}
@@ -143,7 +143,7 @@ def test_refusal_answers_and_reports_are_rate_limited(opened):
 
 
 def test_replayed_time_answers_do_not_set_the_vehicle_clock(opened):
-    """Frames recorded yesterday and sent again must not say what the time is."""
+    """Frames that were recorded yesterday and replayed must not set the clock."""
     line = opened()
     old = Endpoint(DIALECT, 1, 1, KEY, clock=lambda: line.unix() - DAY)
     line.remote.due(0)

@@ -21,7 +21,7 @@ from trimtab.flight.clock_time import (
 
 
 def test_clock_message_has_4_bytes_up_and_6_down():
-    """CLOCK_TIME is fixed, 4 up, +2 timer down; IMU 23; SERVO_CMD 4; one header byte and an id."""
+    """Sizes of the thesis: CLOCK_TIME 4 bytes up, 2 more down; IMU 23; SERVO_CMD 4; one header byte and an id."""
     key, packet = ClockTimeExchange(1, b"abcdefgh").request(123_456_789)
     assert packet == bytes.fromhex("a504") + struct.pack("<I", 123_456)
     assert key == 123_456

@@ -1,4 +1,4 @@
-"""Only named files read the time by themselves; all other live code is handed a clock."""
+"""Live code reads the time from the clock it is given. Only the files listed here may wait for sockets directly."""
 
 import ast
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Two autopilots with the key, a vehicle's station and gate, message by message."""
+"""Authority of two autopilots with the key over one vehicle, message by message."""
 
 import pytest
 from flight.mavlink.line import every
@@ -25,7 +25,7 @@ class Autopilot:
 
 
 class Vehicle:
-    """Armed and disarmed at once by what its station asks; each packet goes to every autopilot."""
+    """A vehicle that arms and disarms at once on request. Each packet goes to every autopilot."""
 
     def __init__(self, *autopilots):
         self.end, self.link = Endpoint(DIALECT, 1, 1, unsigned=True), Link()
@@ -82,7 +82,7 @@ def join(vehicle):
 
 
 def test_second_autopilot_with_key_is_refused_authority(vehicle):
-    """Both had been: 101 commands a second, 95 jumps of the rudder."""
+    """Regression: both were obeyed, with 101 commands a second and 95 jumps of the rudder."""
     first, second = join(vehicle), join(vehicle)
     for each in (first, second):
         each.remote.arming.arm()
@@ -144,7 +144,7 @@ def test_takeover_transfers_authority_and_informs_both_autopilots(vehicle):
 
 
 def test_two_vehicles_on_one_link_are_detected():
-    """Both had been armed."""
+    """Regression: both were armed."""
     one, other = Vehicle(), Vehicle()
     autopilot = Autopilot(one)
     other.autopilots.append(autopilot)
@@ -174,7 +174,7 @@ def test_arm_request_arms_only_the_addressed_vehicle():
 
 
 def test_command_with_future_time_stamp_is_rejected_alone(vehicle):
-    """The failsafe takes none that is older than its last: 24 good ones had been refused, and it tripped."""
+    """Regression: the failsafe refused 24 good commands older than the wrong one, and tripped."""
     first = join(vehicle)
     first.remote.arming.arm()
     vehicle.run(ms(600))

@@ -1,4 +1,4 @@
-"""Rows and messages through the socket of a console."""
+"""Rows and messages over the socket to a console."""
 
 import json
 import socket

@@ -1,7 +1,7 @@
-"""Deadlines of an autopilot as a program of its own: a minute at 1 kHz, or as many as TRIMTAB_DEADLINE_MINUTES says.
+"""Deadlines of an autopilot in its own process: at 1 kHz for TRIMTAB_DEADLINE_MINUTES, by default one minute.
 
-The band: 99.9 % of the compiled steps take less than a tenth of the 1 ms period. A machine whose cores are all taken,
-by more programs than these two, misses it by what it takes away; there that band is not judged, and all else is.
+Limit: 99.9 % of the compiled steps take less than a tenth of the 1 ms period. On a machine whose cores are all busy
+with other programs, this limit is skipped, and all other limits hold.
 """
 
 import os

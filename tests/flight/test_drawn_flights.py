@@ -1,4 +1,4 @@
-"""Flights drawn at random, stalls in pairs, and the check of what the driver of the outputs applied."""
+"""Random fault flights, stalls in pairs, and the check of the values applied by the outputs' driver."""
 
 import random
 import re
@@ -85,7 +85,7 @@ def test_drawn_flights_are_counted_by_kind():
 
 
 def watch(tmp_path, *, still=None, silent_from=9.0, obeys=True):
-    """Outputs that act for a second. still: a program that is frozen from 0.3 s on. obeys: they then go safe."""
+    """Check outputs that act for a second. still: program frozen from 0.3 s on. obeys: the outputs then go safe."""
     time = VirtualTime(1)
     clock = time.adopt("user").clock
     own = time.start("machine", lambda c: c.wait(None, 1.0)).clock

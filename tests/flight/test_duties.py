@@ -1,4 +1,4 @@
-"""Who may command a vehicle: requests as they come over the wire, in front of the compiled failsafe.
+"""Command authority of a vehicle: requests from the link, in front of the compiled failsafe.
 
 Times and rules are those of the page Failsafe: 250 ms, 1 s, latched.
 """
@@ -34,7 +34,7 @@ class Craft:
         self.duties, self.t, self.modes = Duties(drive_failsafe(), COMMAND, self.world), 0, []
 
     def run(self, ms, *, command=None, asks=(), every=lambda: ()):
-        """Go on for so many ms; command: (pulse, rpm), sent at each step."""
+        """Advance by a number of milliseconds. command: (pulse, rpm), sent at each step."""
         for event in asks:
             self.duties.handle_event(event, self.t)
         for _ in range(0, ms, 10):
@@ -52,7 +52,7 @@ class Craft:
 
     @property
     def acting(self):
-        """valid, pulse, rpm as the world's actuators get them."""
+        """valid, pulse, rpm as received by the world's actuators."""
         return tuple(self.world.inputs[1:].tolist())
 
     @property
@@ -120,7 +120,7 @@ def test_implausible_commands_count_as_no_command(craft, wrong):
 
 
 def test_commands_with_wrong_time_count_as_no_command(craft):
-    """Recorded ones, or those of an autopilot that takes another clock for the vehicle's."""
+    """Replayed commands, or commands of an autopilot that uses another clock."""
     craft.run(10, asks=[arm()])
     craft.run(2000, command=(1.6e-3, 4000.0))
     for wrong in (-1500 * MS, 3000 * MS):
@@ -131,7 +131,7 @@ def test_commands_with_wrong_time_count_as_no_command(craft):
 
 
 def test_receiver_switch_takes_over_and_returns_control(craft):
-    """Channel 5 above 1.5 ms: the sticks rule, channel by channel from the failsafe's low to its high."""
+    """With channel 5 above 1.5 ms the sticks command, each channel scaled from the failsafe's low to its high."""
     craft.run(10, asks=[arm()])
     craft.run(50, command=(1.6e-3, 4000.0))
     craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [receiver(1500, 1750, 1500, 1500, 1900)])
@@ -155,7 +155,7 @@ def test_receiver_loss_triggers_failsafe_in_manual_mode(craft):
 
 
 def test_released_receiver_is_not_a_lost_radio(craft):
-    """A release is no lost radio: the autopilot flies on, and the vehicle may be armed again later."""
+    """After a release the autopilot flies on, and the vehicle may be armed again later."""
     craft.run(10, asks=[arm()])
     craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [receiver(1500, 1750, 1500, 1500, 1900)])
     assert craft.duties.mode.mode == "manual"
@@ -165,7 +165,7 @@ def test_released_receiver_is_not_a_lost_radio(craft):
 
 
 def test_receiver_stays_active_after_another_stations_release(craft):
-    """Another station gives its sticks back in the same moment."""
+    """Another station releases its sticks in the same step."""
     craft.run(10, asks=[arm()])
     released = ReceiverChannels((NAN,) * 18, is_release=True)
     pilot = receiver(1500, 1750, 1500, 1500, 1900)
@@ -175,7 +175,7 @@ def test_receiver_stays_active_after_another_stations_release(craft):
 
 
 def test_receiver_without_stick_channels_does_not_take_over(craft):
-    """The switch alone, and a receiver without its channels, rule nothing."""
+    """A receiver with only the switch, or without valid stick channels, commands no output."""
     craft.run(10, asks=[arm()])
     for pulses in ((NAN, NAN, NAN, NAN, 1900), (1500,), (1500, NAN, 1500, 1500, 1900)):
         craft.run(30, command=(1.6e-3, 4000.0), every=lambda p=pulses: [receiver(*p)])
@@ -202,7 +202,7 @@ def test_last_of_two_requests_in_one_step_wins(craft):
 
 
 def test_joystick_is_ignored_without_command_limits():
-    """A vehicle about whose commands nothing is known: a nudge would ask for 1e299 of something."""
+    """Without limits, a small stick deflection would command values of 1e299."""
     wide = Failsafe(
         safe=DriveCommand(rudder_pulse=0.0, speed_rpm=0.0),
         low=DriveCommand(rudder_pulse=-UNLIMITED, speed_rpm=-UNLIMITED),

@@ -1,4 +1,4 @@
-"""A flight that gets too fast: the vehicle ends it by itself, both ends say why, and both logs."""
+"""Overspeed: the vehicle goes to failsafe, and both ends report the reason."""
 
 import pytest
 from flight.virtual_programs import fly_pair

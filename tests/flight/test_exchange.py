@@ -1,4 +1,4 @@
-"""Vectors to packets and back, number by number."""
+"""Vectors are packed into messages and restored exactly."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ T = 123_456_789_012
 
 
 def filled(path):
-    """A vector in which every number is another, and each as its type can hold it."""
+    """A vector of random numbers, each valid for its type."""
     vector = RNG.standard_normal(SIZE) * 1e3
     for p, at in READS.items():
         if p.endswith((".t", ".time", ".count", ".word")):
@@ -29,7 +29,7 @@ def filled(path):
 
 
 def carried(path):
-    """Slots that the wire carries: time, validity, value; age and freshness are the receiver's."""
+    """Slots sent over the link: time, validity, value. The receiver computes age and freshness."""
     every = np.arange(SIZE)
     slots = [
         np.atleast_1d(every[at])
@@ -73,7 +73,7 @@ def test_time_shift_changes_only_the_time():
 
 
 def test_parts_of_different_samples_are_not_mixed():
-    """Of one sample a part is late: the next is whole by its own parts alone, in whatever order they come."""
+    """A part of the first sample is late. The second sample is complete with its own parts, in any order."""
     both, path = ends(DIALECT, unsigned=True), "samples.filter"
     group = MessageGroup(DIALECT, path, lambda p: READS[p])
     first, second = filled(path), filled(path)

@@ -1,6 +1,6 @@
 """Faults over a live pair: some cases in virtual time in every run, all of them in the thorough tier.
 
-The verdict is tested by logs of vehicles that were not safe.
+The verdict is tested with logs of unsafe vehicles.
 """
 
 import contextlib
@@ -85,12 +85,12 @@ def flown(stops=2.25, duration=5.0, lift=1.0, force_until=None):
 
 
 def no_log(file):
-    """A file that is not there, and what reads it."""
+    """A missing file and its reader."""
     return file, partial(read_mcap, file)
 
 
 def waited(log, seconds):
-    """The same, of a process that was kept waiting this long."""
+    """The same log with a process delayed by this many seconds."""
     late = np.where(np.abs(log.t - 2.0) < 1e-6, seconds, 0.0)
     return changed(log, firmware__late=late, firmware__held=log.t < 1)
 
@@ -259,7 +259,7 @@ def test_a_case_holds_in_virtual_time(name, tmp_path):
 
 @pytest.mark.thorough
 def test_a_flight_in_another_process_is_the_same_bit_for_bit(tmp_path):
-    """Another process hashes texts in another way, so that sets have another order."""
+    """Another process has another hash seed, so that sets have another order."""
     mine = _fly_virtual_case(1, "taken-over", tmp_path / "flight").digest
     environment = {**os.environ, "PYTHONHASHSEED": "7", "PYTHONPATH": os.pathsep.join(sys.path)}
     command = [sys.executable, "-c", ONE_FLIGHT, "taken-over"]
@@ -335,7 +335,7 @@ def test_three_cases_hold_in_real_time(tmp_path):
 @pytest.mark.real_time
 @pytest.mark.timeout(3600)
 def test_all_cases_hold_in_real_time():
-    """Some ten minutes on a machine that has nothing else to do."""
+    """Takes about ten minutes on an idle machine."""
     done, found = campaign("--real-time", timeout=3500)
     print(f"{len(found['cases'])} cases in {found['wall_s']:.0f} s")
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""Rows out of vectors into a file that another process writes."""
+"""Flight log: rows taken from vectors, and written to a file by another process."""
 
 import os
 import signal

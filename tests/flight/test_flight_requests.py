@@ -1,4 +1,4 @@
-"""What a vehicle passes on to its autopilot, message by message, with a clock that the test moves."""
+"""Requests that a vehicle forwards to its autopilot, message by message, with a clock set by the test."""
 
 import pytest
 from flight.mavlink.line import every
@@ -23,7 +23,7 @@ GOTO, LAND = 252, 21
 
 
 class Line:
-    """A vehicle's requests, and an autopilot that answers as told."""
+    """A vehicle's requests, and an autopilot whose answers the test sends."""
 
     def __init__(self):
         self.vehicle, self.autopilot = Endpoint(DIALECT, 1, 1, KEY), Endpoint(DIALECT, 1, 191, KEY)
@@ -38,7 +38,7 @@ class Line:
         self.hear("HEARTBEAT", sender, type=kind, autopilot=8, base_mode=flags, custom_mode=mode)
 
     def run(self, duration):
-        """Time goes on; (ms, command, first parameter, confirmation) of what the autopilot is sent."""
+        """Advance the time. Return (ms, command, first parameter, confirmation) of each message to the autopilot."""
         found = []
         for _ in range(0, duration, ms(1)):
             self.now += ms(1)

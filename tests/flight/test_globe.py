@@ -1,4 +1,4 @@
-"""A vehicle's world frame on the globe: places against the ellipsoid's radii of curvature, and who may move it."""
+"""A vehicle's world frame on the globe: positions against the ellipsoid's radii of curvature; changes of origin."""
 
 import math
 
@@ -21,7 +21,7 @@ SECOND = 10_000_000
 
 
 class Craft:
-    """Something that moves, seen by pymavlink through a station."""
+    """A moving vehicle, seen by pymavlink through a station."""
 
     def __init__(self, dialect, origin=None):
         self.motion = MOTION

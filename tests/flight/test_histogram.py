@@ -1,4 +1,4 @@
-"""Buckets against sorted numbers."""
+"""Histogram of times, compared with sorted values."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What a virtual vehicle tells of itself, against its state, its sensor and its commands."""
+"""Telemetry of a virtual vehicle, against its state, its sensor and its commands."""
 
 import math
 from types import SimpleNamespace
@@ -22,7 +22,7 @@ from trimtab.vehicles.vehicle_type import mav_type
 
 
 class Told:
-    """A vehicle that has stood still for 20 ms, and what is heard of it."""
+    """A vehicle that has stood still for 20 ms, and a ground station that reads its messages."""
 
     def __init__(self, scenario, failsafe=None, **truth) -> None:
         scenario = replace_links(build(scenario, {f"initial.{k}": str(v) for k, v in truth.items()}))
@@ -40,7 +40,7 @@ class Told:
         self._streams, self._ground = self.instruments.telemetry_streams(), Endpoint(dialect, 255, 190, unsigned=True)
 
     def ask(self, number, now=0):
-        """A message's fields; None where there is none."""
+        """Request a message. Return its fields, or None without an answer."""
         _, packets = self._streams.handle_command(512, number, 0.0, now)
         (message,) = self._ground.feed(b"".join(packets)) or [None]
         return message and message.fields()

@@ -1,4 +1,4 @@
-"""The measurement against a far end in virtual time, whose delays are known; and over a relay, in wall-clock time."""
+"""Delay measurement against a far end with known delays in virtual time, and over a relay in wall-clock time."""
 
 import heapq
 import random
@@ -31,7 +31,7 @@ BOOT = b"one boot"
 
 
 class Sky:
-    """A link, its far end and the clock of both; a request takes up, its reply down, and some are lost."""
+    """A link with known random delays and losses, its far end, and the clock of both ends."""
 
     def __init__(self, far_boot=BOOT, ahead=0, loss=0.0, spread=1.0):
         self.t, self.ahead, self.boot, self.loss = 1_000_000, ahead, far_boot, loss
@@ -80,7 +80,7 @@ class Sky:
 
 @pytest.fixture
 def under():
-    """Measure under a sky."""
+    """Function that measures the delays of a Sky."""
 
     def run(sky, plan):
         return line_delays.measure_delays(sky, ClockTimeExchange(7, BOOT), plan, sky)
@@ -104,7 +104,7 @@ def test_shared_clock_measures_each_direction_separately(under):
 
 
 def test_clock_offset_is_estimated_from_fastest_round_trip(under):
-    """Exact round trips; the offset is as good as the difference of the quickest round trip's two ways."""
+    """Round trips are exact. The offset error is half the up-down difference of the fastest round trip."""
     sky = Sky(far_boot=b"another.", ahead=36_000_000_000, spread=0.3)
     found = under(sky, LinkTestPlan(2.9, 22.0, 400, 20.0))
     assert not found.has_one_clock
@@ -152,7 +152,7 @@ def test_no_measurement_without_a_far_end(under):
 
 
 def test_far_end_generates_requested_load_then_stops():
-    """22 kb/s are 2200 bytes a second, replies included; nothing more three seconds after the last word."""
+    """22 kb/s are 2200 bytes a second, replies included. The load stops three seconds after the last request."""
 
     class Ground:
         t, sent, said = 50.0, [], False
@@ -182,9 +182,9 @@ def test_far_end_generates_requested_load_then_stops():
 
 @pytest.mark.real_time
 def test_measured_delays_match_those_of_the_relay():
-    """40 ± 15 ms, 2 % lost. Band: mean within 3 ms and sd within 3 ms of what the relay did to these packets.
+    """40 ± 15 ms, 2 % lost. Limits: mean and sd within 3 ms of the delays that the relay applied.
 
-    Standard errors with 600 requests are 0.6 and 0.4 ms; the rest is for a busy machine, which delays at both ends.
+    Standard errors with 600 requests are 0.6 and 0.4 ms. The rest allows for delays by a busy machine at both ends.
     """
     port = free_port(socket.SOCK_DGRAM)
     far, stop = open_link(f"udp://:{port}", listen=True), threading.Event()

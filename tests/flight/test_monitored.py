@@ -1,4 +1,4 @@
-"""The monitor of a compiled step: what is said when a formula is broken, in a flight too, and in its log."""
+"""Monitor of a compiled step: reports of violated formulas, also in a flight and in its log."""
 
 import pytest
 from flight.virtual_programs import fly_pair

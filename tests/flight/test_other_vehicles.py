@@ -1,4 +1,4 @@
-"""Lockstep for what is no hovercraft: sensors with hyphens in their names, slower steps, inertial units."""
+"""Lockstep for vehicles other than hovercraft: sensor names with hyphens, slower steps, inertial units."""
 
 import pytest
 from flight.test_lockstep import in_step, same

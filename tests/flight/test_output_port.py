@@ -1,4 +1,4 @@
-"""Port of the outputs: a driver sees what acts, and that a writer is dead or frozen."""
+"""Port of the outputs: a driver reads the active values and detects a dead or frozen writer."""
 
 import os
 import struct
@@ -54,7 +54,7 @@ def test_half_written_row_does_not_block_the_driver(port):
 
 
 def test_port_file_is_writable_by_its_owner_only(tmp_path):
-    """Who writes the port moves the craft."""
+    """Whoever can write to the port can move the craft."""
     before = os.umask(0)
     try:
         port = OutputPort(tmp_path / "outputs.bin", [0.0], 0)

@@ -1,4 +1,4 @@
-"""The outputs' process: a vehicle's process killed or stopped, and what acts then."""
+"""The outputs' process: safe outputs after the vehicle's process is killed or stopped."""
 
 import contextlib
 import os
@@ -116,7 +116,7 @@ def test_watchdog_recovers_from_short_silence_and_latches_long_one():
 
 
 class FullLine:
-    """Line of the outputs' process to a vehicle that was stopped for long: it takes a packet only once it has room."""
+    """Full socket from the outputs' process to a vehicle that was stopped for long."""
 
     def __init__(self, rows):
         self.rows, self.has_room, self.sent = list(rows), True, []
@@ -144,7 +144,7 @@ class StandingClock:
 
 
 class ResetLine(FullLine):
-    """Line whose other end was closed with packets unread: the system reports a reset once, then the last packets."""
+    """Socket whose other end closed with unread packets: the system reports one reset, then the last packets."""
 
     def recv(self, size):
         if self.rows and self.rows[0] == "reset":
@@ -182,7 +182,7 @@ def test_connection_reset_still_reports_the_cause_of_end(last, cause):
 
 
 def test_machine_pause_is_not_a_frozen_outputs_process():
-    """The vehicle looks first after a pause of both processes: the other one has had no time to answer."""
+    """After a pause of both processes the vehicle checks first. The outputs' process has had no time to answer."""
     line, clock = FullLine([]), StandingClock()
     process = OutputsProcess(line, 1, lambda: None)
     outputs = Outputs([0.0], timeout=50 * MS, lift_delay=0, latch=250 * MS, clock=clock, start=lambda orders: process)
@@ -245,7 +245,7 @@ def test_frozen_outputs_process_is_detected_and_driver_goes_safe(tmp_path):
 
 @pytest.mark.real_time
 def test_a_paused_terminal_does_not_hold_up_the_outputs(tmp_path):
-    """Standard error is a full pipe that nobody reads. The outputs go safe, stop the lift and end all the same."""
+    """Standard error is a full pipe without a reader. The outputs still go safe, stop the lift and end."""
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     with contextlib.suppress(BlockingIOError):

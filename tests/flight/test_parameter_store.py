@@ -1,4 +1,4 @@
-"""Parameters outlive a program because a station asked for it, and for no other reason."""
+"""Parameters are stored only on a station's request."""
 
 import json
 
@@ -25,7 +25,7 @@ def dialect():
 
 
 def tree(file):
-    """The vehicle as a start makes it: its own numbers, then what is kept."""
+    """The vehicle at its start: default values, then stored parameters."""
     whole = {"vehicle": Outer(Inner(2.6, np.array([0.1, 0.2]), 3, 1, True), 0.2)}
     return with_settings(whole, read_parameters(file, "a"))
 

@@ -1,4 +1,4 @@
-"""A pilot at a console, whose end of the line this test holds: a vehicle in a thread, an autopilot, a loopback line."""
+"""A pilot at a console played by the test, a vehicle in a thread, and an autopilot over a loopback link."""
 
 import json
 import socket
@@ -29,7 +29,7 @@ GAIN = "autopilot.law.k1"
 
 
 class Page:
-    """What a console's server would be to the flight: it reads rows and messages, and sends wishes."""
+    """The console's server as seen by the flight: reads rows and messages, and sends requests."""
 
     def __init__(self):
         self.own, self.other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -41,7 +41,7 @@ class Page:
         self.own.send(b"j" + json.dumps({"type": kind, **content}).encode())
 
     def read(self):
-        """What has come within 50 ms; the stick, where this page has it, is moved meanwhile."""
+        """Read the data of the next 50 ms. Send the stick position if this page holds the stick."""
         if self.has_stick:
             self.send("stick", pilot=1, forward=self.forward, turn=0.0, mode=1, clock=time.monotonic())
         try:
@@ -60,7 +60,7 @@ class Page:
             self.read()
 
     def arm(self, is_armed, id):
-        """Ask to arm, and again each second: on a busy machine a check fails now and then, and with it the wish."""
+        """Request arming each second until armed. On a busy machine a check may fail and refuse a request."""
         due, end = 0.0, time.monotonic() + PATIENCE
         while not is_armed():
             now = time.monotonic()
@@ -78,7 +78,7 @@ class Page:
 
 
 class PausedLine(ConsoleLine):
-    """The line to the console. While it is paused, requests wait in the socket."""
+    """Link to the console. While paused, requests wait in the socket."""
 
     is_paused = False
 
@@ -88,7 +88,7 @@ class PausedLine(ConsoleLine):
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """One flight: armed by the pilot, driven by the stick, a gain changed, the stick let go, at last stopped."""
+    """One flight: armed by the pilot, driven by the stick, a gain changed, the stick released, stopped."""
     found = catalogue.load_scenario("hovercraft/pilot", {"stick": "console", "supervisor": "automatic"})[0]
     scenario = replace(found, failsafe=replace(found.failsafe, timeout=seconds(8), age_max=8.0))
     folder, page = tmp_path_factory.mktemp("piloted"), Page()
@@ -173,7 +173,7 @@ def test_gain_change_within_bounds_is_applied_and_logged(flown):
 
 
 def test_second_request_in_one_period_is_refused(flown):
-    """A step takes one: the other would be lost, and nobody would know."""
+    """A step takes one request. The other one would be lost without a report."""
     first, second = (flown.page.answer(k) for k in (10, 12))
     assert (first["ok"], second["ok"]) == (True, False)
     assert "try again" in second["text"]

@@ -1,4 +1,4 @@
-"""A vehicle's checks before arming, its fence, and what it asks for after a failsafe: instant by instant."""
+"""A vehicle's checks before arming, its fence, and the conditions for rearming after a failsafe."""
 
 import math
 import re
@@ -23,7 +23,7 @@ WORD = "world.sensors.navigation.fault.kind"
 
 
 class Craft:
-    """A vehicle whose time the test moves: its sensors measure, frames come, and its guard looks at them."""
+    """A vehicle whose time the test advances, with its sensors, received frames and arming guard."""
 
     def __init__(self, vehicle):
         self.vehicle, self.body, self.counts = vehicle, vehicle.body, FrameCounts()
@@ -31,7 +31,7 @@ class Craft:
         self.limit()
 
     def limit(self, **limits):
-        """Watch these limits from now on."""
+        """Use these limits from now on."""
         rules, silence = self.vehicle.duties.failsafe, lambda now: None
         self.guard = ArmingGuard(self.body, VehicleLimits(**limits), rules, self.counts, silence)
 
@@ -39,7 +39,7 @@ class Craft:
         self.body.world.parameters[WORD].flat[0] = WORDS.index(word)
 
     def run(self, duration, mode="disarmed"):
-        """Go on; held, so that its true state stays: sliding and turning."""
+        """Advance the time. The vehicle is held, so that it keeps sliding and turning."""
         end = self.body.t + duration
         for t in self.instants:
             self.body.advance(t, fresh=True, is_held=True)
@@ -84,7 +84,7 @@ def test_healthy_vehicle_may_be_armed_and_lists_its_checks(craft):
 
 @pytest.mark.thorough
 def test_arming_is_refused_while_the_only_sensor_is_off(craft):
-    """It was armed, and the page promised a refusal."""
+    """Regression: the vehicle was armed, although the documentation promised a refusal."""
     craft.set_fault("off")
     craft.run(seconds("0.2"))
     assert craft.guard.problem == ""
@@ -98,7 +98,7 @@ def test_arming_is_refused_while_the_only_sensor_is_off(craft):
 
 
 def test_sensor_age_limit_adapts_to_the_sensor_period(craft):
-    """The fixes of an ultrasonic network come once a second, though somebody looks each millisecond."""
+    """Fixes of an ultrasonic network arrive once a second, and are checked each millisecond."""
     outputs, writes = craft.body.world.outputs, craft.body.world.writes
     t = craft.body.t
     for k in range(1, 6):
@@ -120,7 +120,7 @@ def test_arming_is_refused_for_nan_sensor_values(craft):
 
 
 def test_rearming_after_failsafe_needs_rest_and_confirmation(craft):
-    """The scenario's craft slides and spins, and it is held so: it had been armed again as it was."""
+    """The craft is held in a sliding and spinning state. Regression: it was armed again in that state."""
     craft.run(ms(7))
     craft.run(ms(1), "failsafe")  # in that very millisecond: a station had armed it before the next look
     assert craft.guard.problem

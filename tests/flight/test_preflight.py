@@ -1,4 +1,4 @@
-"""What `fly` looks at before it asks a vehicle to arm: alone with a vehicle that a test plays, and with a whole one."""
+"""Checks of `fly` before it requests arming, with a vehicle played by the test and with a virtual vehicle."""
 
 import re
 
@@ -25,7 +25,7 @@ CONFIRMATION = ArmingCheck("confirmation", 0, 1, "", "type --rearm at fly", at_l
 
 
 class Flyer:
-    """An autopilot that has heard a well vehicle's samples, and a vehicle that tells its checks."""
+    """An autopilot that has received a healthy vehicle's samples, and a vehicle that sends its checks."""
 
     def __init__(self, live):
         self.live, self.now = live, 0
@@ -39,7 +39,7 @@ class Flyer:
             step.outputs[step.writes[path]] = value
 
     def run(self, duration, *checks):
-        """Go on; the vehicle answers each question. Whether the vehicle may be asked to arm, at the end."""
+        """Advance the time, with a vehicle that answers each request. Return True if arming may be requested."""
         may_arm = False
         for _ in range(0, duration, ms(10)):
             self.now += ms(10)
@@ -114,7 +114,7 @@ def test_arming_is_refused_until_required_confirmation_is_given(live):
 
 @pytest.mark.thorough
 def test_arming_without_sensor_is_refused_and_reported_everywhere():
-    """It had been armed: pilot, ground station and both logs get the same sentence now."""
+    """Pilot, ground station and both logs get the same sentence. Regression: the vehicle was armed."""
     scenario = build("hovercraft/zero-velocity", {})
     pair = VirtualPair(scenario)
 
@@ -139,7 +139,7 @@ def test_arming_without_sensor_is_refused_and_reported_everywhere():
 
 
 def test_setting_changed_during_checks_prevents_arming():
-    """The autopilot had compared the settings before, and the vehicle flew with another mass."""
+    """Regression: settings were compared before the change, and the vehicle flew with another mass."""
     pair = VirtualPair(build("hovercraft/zero-velocity", {}))
     pair.start_vehicle()
 
@@ -159,7 +159,7 @@ def test_setting_changed_during_checks_prevents_arming():
 
 
 def test_setting_changed_during_arming_request_prevents_arming():
-    """The vehicle refused once. Then the autopilot read the new settings, and asked again with their number."""
+    """Regression: the vehicle refused once. Then the autopilot read the new settings and used their number."""
     pair = VirtualPair(build("hovercraft/zero-velocity", {}))
     pair.start_vehicle()
 

@@ -1,4 +1,4 @@
-"""Vehicle and autopilot in step over virtual Bluetooth: RFCOMM, L2CAP and HCI of a whole stack carry the flight."""
+"""Vehicle and autopilot in lockstep over virtual Bluetooth with RFCOMM, L2CAP and HCI of a full stack."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What became of the deadlines, told from the times given."""
+"""Statistics of deadlines, from given times."""
 
 import gc
 import os
@@ -23,7 +23,7 @@ class HandClock:
 
 
 def test_overruns_are_attributed_to_their_cause():
-    """Period k woke `late` and worked for `work` periods, of which the thread was busy for `busy`."""
+    """Each period wakes `late` periods late and takes `work` periods, of which the thread is busy for `busy`."""
     clock = HandClock()
     kept = Deadlines(ms(1), clock)
     period = ms(1) * NS

@@ -1,4 +1,4 @@
-"""Wrong key, clock, scenario and owner: four sentences, and what each says flies, in one step. In virtual time."""
+"""Wrong key, clock, scenario and owner: each error suggests a command that then flies. In virtual time."""
 
 import json
 import shutil
@@ -20,7 +20,7 @@ NOW = int((UNIX_START - EPOCH) * PER_SECOND)
 
 
 class Ends:
-    """A vehicle that waits, and autopilots that are started against it, each with a folder of its own keys."""
+    """A waiting vehicle, and autopilots started against it, each with its own folder of keys."""
 
     def __init__(self, folder, *options):
         self.folder, self.programs = folder, VirtualPrograms(folder)
@@ -58,7 +58,7 @@ def ends(tmp_path):
 
 
 def fix(ended):
-    """What the message says to type."""
+    """Command suggested by the message."""
     return ended.said.partition("Fix: ")[2].strip()
 
 

@@ -1,4 +1,4 @@
-"""The autopilot's view of a vehicle, told message by message, with a clock that the test moves."""
+"""The autopilot's view of a vehicle, message by message, with a clock set by the test."""
 
 import itertools
 
@@ -27,7 +27,7 @@ AHEAD = 5_000_000_000
 
 
 class Line:
-    """A vehicle that answers as told, and the remote end that it is seen by."""
+    """A vehicle whose answers the test controls, and the RemoteVehicle that receives them."""
 
     def __init__(self, of=DIALECT, settings=None):
         both = ends(DIALECT)
@@ -47,7 +47,7 @@ class Line:
         self.hear("HEARTBEAT", sender, base_mode=ARMED * armed, autopilot=autopilot)
 
     def run(self, duration, *, ahead=AHEAD):
-        """Time goes on, millisecond by millisecond; the vehicle answers questions for time and version."""
+        """Advance the time by milliseconds. The vehicle answers requests for time and version."""
         for _ in range(0, duration, ms(1)):
             self.now += ms(1)
             self.remote.due(self.now)
@@ -184,7 +184,7 @@ def test_settings_of_a_vehicle_in_flight_are_compared_before_it_is_taken_over(ma
 
 
 def test_other_senders_are_not_taken_for_the_vehicle():
-    """Some ground stations say in their heartbeats that they are armed."""
+    """Some ground stations set the armed flag in their heartbeats."""
     line = ready()
     station, second = Endpoint(DIALECT, 255, 190, KEY), Endpoint(DIALECT, 2, 1, KEY)
     line.beat(armed=True, sender=station, autopilot=8)
@@ -210,7 +210,7 @@ def test_vehicle_reboot_is_reported_and_its_clock_resynchronised():
 
 
 def test_small_clock_offset_changes_are_slewed_not_stepped():
-    """Samples that are 40 ms old come all the time: their times rise, and so do those of commands."""
+    """Samples that are 40 ms old arrive continuously. Their times and those of commands increase."""
     line = ready()
     line.remote.clock.sync.to_local(line.now + AHEAD - ms(40))
     before = line.remote.clock.offset(line.now)
@@ -236,7 +236,7 @@ GOTO, LAND, ACK = 252, 21, "COMMAND_ACK"
 
 
 def asked(line, command, first=0.0, *, to=191, sender=None):
-    """Pass a request on; the results that are answered."""
+    """Forward a request. Return the results answered."""
     line.link.sent.clear()
     fields = {"command": command, "param1": first, "target_system": 1, "target_component": to}
     line.hear("COMMAND_LONG", sender, **fields)
@@ -290,7 +290,7 @@ def test_past_failsafe_of_own_flight_is_a_problem():
 
 
 def test_only_early_vehicle_end_or_disarm_is_a_problem():
-    """Both ends were given the same length, and the vehicle's clock began a little earlier."""
+    """Both ends have the same duration, and the vehicle's clock started a little earlier."""
     for state, after, wanted in ((State.POWEROFF, 100, []), (State.POWEROFF, 1100, [NOT_ARMED]), (3, 100, [NOT_ARMED])):
         line = ready()
         line.beat(armed=True)

@@ -1,4 +1,4 @@
-"""Settings that weaken a safety keep a vehicle from being armed, unless they are confirmed by name."""
+"""Settings that weaken a safety function prevent arming unless they are confirmed by name."""
 
 import math
 

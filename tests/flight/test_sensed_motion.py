@@ -1,4 +1,4 @@
-"""What sensors say of a vehicle's motion: speeds, distances, means; over samples that the test writes."""
+"""A vehicle's motion measured by its sensors: speeds, distances, means, from samples set by the test."""
 
 import math
 from types import SimpleNamespace

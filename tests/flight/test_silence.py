@@ -1,4 +1,4 @@
-"""When it is said that nothing comes."""
+"""Reports of a silent link."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""The supervisor of a compiled step: asked in the middle of a flight over frames that the test writes."""
+"""The supervisor of a compiled step: requests during a flight on frames set by the test."""
 
 from types import SimpleNamespace
 
@@ -26,7 +26,7 @@ def compiled(scenario):
 
 
 class Flight:
-    """Good samples each 6 ms, and what is asked."""
+    """A flight with valid samples each 6 ms and requests to the supervisor."""
 
     def __init__(self, scenario, step):
         step.reset()
@@ -34,7 +34,7 @@ class Flight:
         self.step, self.supervised, self.k = step, CompiledSupervisor(scenario, step), 0
 
     def fly(self, n):
-        """n periods; the modes, by name."""
+        """Fly n periods. Return the modes by name."""
         found = []
         for _ in range(n):
             t = self.k * ms(1)
@@ -104,7 +104,7 @@ def vehicle(*, armed=True, is_in_failsafe=False):
 
 
 def test_lost_link_report_mentions_data_still_received(flight):
-    """A sensor whose time runs backwards, or that is off, had been a lost link."""
+    """Regression: a sensor with backward time stamps, or switched off, was reported as a lost link."""
     step, supervised = flight.step, flight.supervised
     for k in range(260):
         step.set_inputs({"t": (20 + k) * ms(1), "samples.navigation.fresh": False})

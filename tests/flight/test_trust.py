@@ -1,4 +1,4 @@
-"""The page on trust: each test that it names is there; and what no other test holds of it."""
+"""The page on trust: the tests it names exist. Its claims without another test are tested here."""
 
 import ast
 import re

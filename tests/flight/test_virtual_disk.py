@@ -1,4 +1,4 @@
-"""A log in memory holds what its file would hold; a full disk and a dead writer."""
+"""A log in memory equals a log file, also with a full disk and a dead writer."""
 
 from pathlib import Path
 

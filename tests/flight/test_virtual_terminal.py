@@ -1,4 +1,4 @@
-"""A terminal that hangs holds up who writes to it, and nobody who hands lines to a queue."""
+"""A hanging terminal blocks programs that write to it directly, but not those that use a queue."""
 
 from trimtab.core.line_writer import CLOSE_S, ROOM
 from trimtab.flight.virtual_terminal import VirtualTerminal

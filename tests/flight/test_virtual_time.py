@@ -1,4 +1,4 @@
-"""Virtual time: order, freezing, killing, work, and one course of events from one seed."""
+"""Virtual time: order, freezing, killing, work, and reproducible events for each seed."""
 
 import random
 import time as wall
@@ -12,7 +12,7 @@ from trimtab.flight.virtual_time import KilledError, VirtualTime, VirtualTimeErr
 
 
 def sleeper(said, name, *waits):
-    """A program that waits, and says at which times it woke (s)."""
+    """A program that waits and records its wakeup times (s)."""
 
     def run(clock):
         for seconds in waits:
@@ -240,7 +240,7 @@ def test_closed_socket_pair_is_seen_at_other_end():
 
 
 def chatter(seed, hand_over=lambda: None):
-    """Three programs that answer each other over a bad network; the hash, and what arrived where."""
+    """Run three programs that answer each other over a bad network. Return the hash and the packets received."""
     time = VirtualTime(seed, hand_over=hand_over)
     network, heard = VirtualNetwork(time), []
     names = "abc"
@@ -334,7 +334,7 @@ def test_rejects_address_already_in_use():
 
 
 def test_argument_spelling_is_local_to_each_program():
-    """Two commands that overlap: the first ends before the second, which must not bring its spelling back."""
+    """Two commands overlap. The end of the first one must not change the spelling of the second one."""
     time, seen = VirtualTime(1), []
 
     def command(name, seconds):

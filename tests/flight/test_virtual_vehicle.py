@@ -1,4 +1,4 @@
-"""Instants of a virtual vehicle: the timetable of a run, without end; and what a row of its log has."""
+"""Instants of a virtual vehicle, which follow a run's timetable without end, and rows of its log."""
 
 from itertools import takewhile
 
@@ -32,7 +32,7 @@ def test_instants_match_the_timetable(periods, max_step, duration):
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_logged_gust_matches_the_simulation():
-    """A body that nobody steers, in turbulence: gust and truth of each row are those of the simulation, to the bit."""
+    """An uncontrolled body in turbulence: gust and truth of each row equal the simulation bit for bit."""
     scenario = throw()
     log = simulate(scenario, seed=3, duration="200 ms")
     world, frame, command = compile_world(scenario, seed=3)

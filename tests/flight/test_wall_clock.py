@@ -4,7 +4,7 @@ from trimtab.flight.real_time import MOST_PACKETS, NS, WallClock
 
 
 class Line:
-    """A link with a number of packets, one a call, and the clock by which it waits."""
+    """A link that delivers a number of packets, one per call, and its clock."""
 
     def __init__(self, packets, step=0):
         self.left, self.waited, self.now, self._step = packets, [], 5_000, step

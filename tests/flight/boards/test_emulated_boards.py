@@ -65,7 +65,7 @@ def flown_here(folder):
 
 
 def same_bits(a, b):
-    """Equal, signs of zeros included; a NaN is a NaN, because processors differ in the bits of theirs."""
+    """True if equal, including signs of zeros. Any NaN equals any NaN, because processors differ in NaN bits."""
     return np.array_equal(a, b, equal_nan=True) and np.array_equal(np.signbit(a[a == 0]), np.signbit(b[b == 0]))
 
 
@@ -89,7 +89,7 @@ def test_board_and_computer_agree_bit_by_bit(tmp_path, target, real):
 @needs_board
 @pytest.mark.parametrize(("target", "real", "error"), [("cortex-m4", "float", 3e-7), ("cortex-m7", "double", 5e-16)])
 def test_sines_of_the_c_library_differ_by_roundings(tmp_path, target, real, error):
-    """Two libraries: each promises about 1 unit in the last place (6e-8, 1.1e-16 relative to 1), none the same one."""
+    """Each library promises about 1 unit in the last place (6e-8, 1.1e-16 relative to 1), but not identical bits."""
     folder = exported(tmp_path / "sample", real, **{"#ifdef LIBRARY_SINE": "#if 1"})
     here, board = flown_here(folder)[:-3], emulate(folder, target)
     assert board.library_bytes > 200, "sine and cosine come from a library"
@@ -100,7 +100,7 @@ def test_sines_of_the_c_library_differ_by_roundings(tmp_path, target, real, erro
 
 
 def in_assembly(*lines):
-    """A step whose instructions are known because no compiler wrote them."""
+    """A step in assembly, so that its number of instructions is known."""
     text = "".join(
         f'"{line}\\n"\n' for line in [".thumb_func", ".type autopilot_step, %function", "autopilot_step:", *lines]
     )
@@ -121,7 +121,7 @@ def test_instructions_and_stack_are_exact(tmp_path, target):
 
 @needs_board
 def test_input_dependent_instruction_counts_are_exact(tmp_path):
-    """autopilot_in starts with the double `acceleration`: its high word says how often the loop goes round."""
+    """autopilot_in starts with the double `acceleration`. Its high word sets the number of loop iterations."""
     step = in_assembly("ldr r0, [r2, #4]", "lsrs r0, #20", "1: subs r0, #1", "bne 1b", "bx lr")
     folder = exported(tmp_path / "known", step=step)
     rounds = np.array([1, 2, 3, 100, 1024, 2047 - 1])
@@ -188,7 +188,7 @@ def test_rejects_mismatched_vectors_file(tmp_path):
 
 @needs_board
 def test_rejects_board_timer_at_wrong_speed(tmp_path, monkeypatch):
-    """Calibration on the known loops: with the wrong clock they don't come out."""
+    """The calibration loops of known length fail with the wrong clock."""
     folder = exported(tmp_path / "sample")
     monkeypatch.setitem(TARGETS, "cortex-m7", TARGETS["cortex-m7"]._replace(clock=20_000_000))
     with pytest.raises(InputError, match="the board's timer does not run as expected"):
@@ -210,7 +210,7 @@ def test_unknown_target_and_missing_tools_name_the_fix(tmp_path, monkeypatch):
 
 @needs_board
 def test_large_step_gets_its_workspace_in_ram(tmp_path):
-    """What a large program keeps beside its structures lies where the caller says; it counts as RAM."""
+    """The caller provides the workspace of a large program. The workspace counts as RAM."""
 
     def step(p, s, u):
         x = jnp.cumsum(jnp.sin(jnp.arange(3000.0) * u))[::-1]

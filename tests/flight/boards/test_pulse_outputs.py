@@ -1,4 +1,4 @@
-"""Outputs of a board: whose limits count, what is safe, and what is refused in words."""
+"""Outputs of a board: source of their limits, safe values, and error messages."""
 
 import numpy as np
 import pytest

@@ -80,7 +80,7 @@ def test_vehicle_is_addressed_by_own_session_or_zero():
 
 @pytest.mark.parametrize("told", [False, True])
 def test_session_is_an_extension_field_of_the_command(told):
-    """One who knows nothing of it packs and reads the same message; what takes its place is zero."""
+    """A sender without the extension packs the same message, and its session reads as zero."""
     dialect = derive_dialect(Frame(t=np.int64(0), samples={}), Command(t=np.int64(0), valid=False, value=every()))
     definition = dialect.definitions["COMMAND"]
     assert definition.size == definition.base + 4

@@ -1,4 +1,4 @@
-"""Both ends against an implementation of the published format that is written here, and against pymavlink's."""
+"""Endpoints against an implementation of the published format in line.py."""
 
 import math
 import os
@@ -122,7 +122,7 @@ def test_refuses_mavlink_1(dialect, pair, open_pair):
 
 
 def test_clearing_the_signed_flag_does_not_bypass_signing(dialect, pair, clock):
-    """Downgrade: the same message, its signature cut off and the checksum made right."""
+    """Downgrade attack: the same message without signature and with a corrected checksum."""
     _, b = pair
     assert b.feed(heartbeat(dialect, key=None, flags=0)) == []
     assert b.feed(heartbeat(dialect, key=KEY.secret, stamp=stamp_at(clock.now), flags=0)) == []
@@ -151,7 +151,7 @@ def test_replayed_packets_are_rejected_and_counted(pair, clock):
 
 
 def test_forged_packet_does_not_advance_the_stream_stamp(dialect, pair, clock):
-    """pymavlink remembers the stamp before it looks at the signature: one forgery shuts the true sender out."""
+    """pymavlink stores the stamp before it checks the signature, so that one forgery locks out the true sender."""
     a, b = pair
     far = heartbeat(dialect, system=1, key=bytes(32), stamp=2**48 - 1)
     assert b.feed(far) == []
@@ -159,7 +159,7 @@ def test_forged_packet_does_not_advance_the_stream_stamp(dialect, pair, clock):
 
 
 def test_packet_recorded_before_a_restart_is_rejected_afterwards(dialect, pair, clock):
-    """The published rule would take it for a minute."""
+    """The published rule would accept such a packet for a minute."""
     a, b = pair
     recorded = a.pack("COMMAND_LONG", {"command": 400, "param1": 1.0})
     assert len(b.feed(recorded)) == 1
@@ -224,7 +224,7 @@ def test_unknown_messages_are_skipped_with_their_payload(dialect, pair, open_pai
 
 
 def test_wrongly_signed_unknown_message_hides_no_inner_frame(dialect, pair, clock):
-    """It may be a frame cut short, with another one in what was taken for its payload or signature."""
+    """The unknown message may be a truncated frame, followed by a valid frame in the bytes read as its payload."""
     strange = dialect.definitions["HEARTBEAT"]._replace(id=54321)
     inner = heartbeat(dialect, key=KEY.secret, stamp=stamp_at(clock.now))
     forged = by_hand(strange, inner + b"\1", 0, 9, 1, bytes(32), 0, stamp_at(clock.now))
@@ -280,7 +280,7 @@ def test_frame_after_a_truncated_signature_is_still_read(pair):
 
 @pytest.mark.parametrize("cut", [1, 9, 10, 20, 63])
 def test_a_frame_in_two_datagrams_is_joined(dialect, clock, cut):
-    """Bridges between a serial line and a network send what they have: 64 bytes, and then the rest."""
+    """Bridges between a serial line and a network may split a frame: 64 bytes, then the rest."""
     there, here = Endpoint(dialect, 1, 1, KEY, clock=clock), Endpoint(dialect, 2, 1, KEY, clock=clock, datagrams=True)
     clock.now += 1
     frames = b"".join(there.pack("COMMAND_LONG", {"param1": float(k)}) for k in range(3))

@@ -1,4 +1,4 @@
-"""Python and C made by MAVLink's generator understand what this package packs, signed, and the other way round."""
+"""Signed packets are exchanged with Python and C code made by MAVLink's generator, in both directions."""
 
 import os
 import shutil
@@ -117,7 +117,7 @@ def test_generated_module_is_built_once_by_concurrent_threads(dialect, monkeypat
 
 @pytest.mark.thorough
 def test_two_processes_can_build_the_module_concurrently(tmp_path):
-    """Each finds the file whole or makes it; nothing is left beside it."""
+    """Each process finds the complete file or makes it. No temporary file remains."""
     code = "from flight.mavlink.conftest import made; from trimtab.flight.mavlink.generated import load_python_module;"
     code += "print(load_python_module(made()).MAVLINK_MSG_ID_SAMPLE_EVERY)"
     here = os.environ | {"TRIMTAB_CACHE": str(tmp_path), "PYTHONPATH": os.pathsep.join([p for p in sys.path if p])}

@@ -36,7 +36,7 @@ def test_stamps_follow_the_clock_and_never_repeat(clock):
 @settings(max_examples=40)
 @given(st.lists(st.tuples(st.floats(-1e4, 1e4), st.integers(0, 4), st.booleans()), max_size=30))
 def test_stamps_never_repeat_over_clock_jumps_and_restarts(tmp_path_factory, story):
-    """Each chapter: the clock jumps, some packets leave, then the process is killed or closed."""
+    """In each chapter the clock jumps, some packets are sent, then the process is killed or closed."""
     store, clock, sent = tmp_path_factory.mktemp("s") / "a.time", Clock(), []
     for jump, packets, killed in story:
         clock.now += jump
@@ -151,7 +151,7 @@ def test_command_stamp_may_follow_later_data_not_later_commands(clock):
 
 @given(st.lists(st.tuples(st.integers(1, 3 * LONGEST_LATENESS), st.booleans()), max_size=200))
 def test_no_stamp_is_accepted_twice_and_command_stamps_increase(found):
-    """Against a receiver that remembers everything."""
+    """Compared with a receiver that stores every stamp."""
     stamps, taken, orders = Stamps(clock=Clock()), set(), [0]
     start = stamps.last
     for k, ordered in found + found[::-1]:
@@ -188,7 +188,7 @@ def test_largest_stamp_does_not_overflow(clock):
 
 
 def test_rejects_stamp_a_day_ahead_without_storing_it(tmp_path, clock):
-    """Were it taken, everybody with the right clock would be refused for a day, across restarts."""
+    """If accepted, it would lock out every sender with the correct clock for a day, across restarts."""
     store = tmp_path / "a.time"
     stamps = Stamps(store, clock)
     now = stamps.last
@@ -201,7 +201,7 @@ def test_rejects_stamp_a_day_ahead_without_storing_it(tmp_path, clock):
 
 
 def test_correct_clock_is_never_stale_after_a_leading_peer(tmp_path, clock):
-    """One end leads by all that it may, is believed and stored; the vehicle is killed and starts again."""
+    """A peer with the largest accepted lead is accepted and stored. Then the vehicle is killed and restarted."""
     store = tmp_path / "a.time"
     stamps = Stamps(store, clock)
     stamps.accept(STREAM, stamps.last + MOST_LEAD)
@@ -215,14 +215,14 @@ def test_correct_clock_is_never_stale_after_a_leading_peer(tmp_path, clock):
 
 
 def _largest_lead(stamps, clock):
-    """Largest lead over the right clock that is accepted (s)."""
+    """Largest accepted lead over the correct clock (s)."""
     now = int(stamp_at(clock.now))
     return max(k for k in range(3000) if is_new(stamps, STREAM, now + k * PER_SECOND // 10)) / 10
 
 
 @pytest.mark.parametrize(("ends", "most"), [("close", 48), ("abandon", 118)])
 def test_restarts_do_not_add_up_to_a_large_lead(tmp_path, clock, ends, most):
-    """A peer that leads by all that it may, and eight restarts."""
+    """A peer with the largest accepted lead over eight restarts."""
     store = tmp_path / "a.time"
     for _ in range(8):
         stamps = Stamps(store, clock)

@@ -1,4 +1,4 @@
-"""The estimate against clocks that are known, over delays drawn from the latencies of real modules."""
+"""Clock offset estimate against known clocks, with delays drawn from measured latencies of Bluetooth modules."""
 
 import itertools
 
@@ -15,12 +15,12 @@ OFFSET = 123_456_789_012
 
 
 def theirs(now, drift, offset=OFFSET):
-    """Their clock at a time of ours."""
+    """Remote clock at a local time."""
     return round(offset + now * (1 + drift))
 
 
 def exchange(sync, now, up, down, drift=0.0, offset=OFFSET):
-    """One exchange begun at now; when it is back."""
+    """Make one exchange that starts at now. Return the time of its answer."""
     asked = sync.ask(now)
     back = now + up + down
     assert sync.handle_answer(theirs(now + up, drift, offset) * 100, asked["ts1"], back)
@@ -52,7 +52,7 @@ def test_error_over_radio_is_below_single_exchange_error(drift):
 
 
 def test_offset_and_drift_are_estimated_over_short_link():
-    """0.2 to 1.2 ms each way, of which the least come through often: a wire with a busy machine at its end."""
+    """Delays of 0.2 ms plus an exponential part each way, as on a cable to a busy machine."""
     rng, sync, drift = np.random.default_rng(3), TimeSync(), 5e-5
     for k in range(60):
         up, down = (ms("0.2") + int(rng.exponential(ms("0.3"))) for _ in range(2))
@@ -62,7 +62,7 @@ def test_offset_and_drift_are_estimated_over_short_link():
 
 
 def test_fitted_offset_matches_numpy_least_squares():
-    """Against numpy, where the prior of the drift weighs nothing: exact offsets on a line, any round trips."""
+    """Exact offsets on a straight line, so that the prior of the drift has no weight."""
     rng = np.random.default_rng(4)
     times = np.arange(50) * seconds(1)
     exchanges = [
@@ -91,7 +91,7 @@ def test_first_exchange_gives_an_offset_with_bounded_error():
     )
 )
 def test_converted_times_are_monotonic(story):
-    """Whatever the delays are, however rarely times are asked for; at 0.99 to 1.01 of their clock's pace."""
+    """For any delays and pauses, local time advances at 0.99 to 1.01 of the remote rate."""
     sync, now, given_out = TimeSync(), 0, []
     for up, down, pause, used in story:
         now = exchange(sync, now, up, down) + pause
@@ -147,7 +147,7 @@ def test_single_exchange_an_hour_off_is_ignored(wrong):
 
 @pytest.mark.parametrize("wrong", [seconds(3600), ms(490)])
 def test_show_local_leaves_later_conversions_unchanged(wrong):
-    """A sample an hour ahead had made every later time of the flight wrong."""
+    """Regression: a sample an hour ahead made every later time of the flight wrong."""
     sync, other = TimeSync(), TimeSync()
     for k in range(100):
         for each in (sync, other):
@@ -180,7 +180,7 @@ def test_rejects_foreign_late_and_invalid_answers():
 
 
 def test_remote_and_local_conversions_are_inverse():
-    """Over a radio, while the offset turns: what is sent in their time is found again in this end's."""
+    """Over a radio link while the applied offset is slewed."""
     sync = TimeSync()
     assert sync.to_remote(5) == 5
     for k, (up, down) in enumerate(zip(draw("up", 100, 3), draw("down", 100, 4), strict=True)):
@@ -192,7 +192,7 @@ def test_remote_and_local_conversions_are_inverse():
 
 @pytest.mark.parametrize("later", [0, 1_000, ms(5), ms(300), seconds(2)])
 def test_duplicated_request_is_not_a_second_clock(later):
-    """A relay doubles packets: the vehicle answers both, and its clock has gone on meanwhile."""
+    """A relay duplicates the request. The vehicle answers both copies, the second one later."""
     sync = TimeSync()
     asked = sync.ask(0)
     assert sync.handle_answer(theirs(ms(2), 0.0) * 100, asked["ts1"], ms(4))

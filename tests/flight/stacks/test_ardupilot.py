@@ -1,4 +1,4 @@
-"""A vehicle as ArduPilot's physics: an autopilot written from ArduPilot's own pages flies it, and what goes wrong."""
+"""A vehicle as ArduPilot's physics, flown by a fake ArduPilot: frames, losses, errors and a hover."""
 
 import math
 import socket
@@ -44,7 +44,7 @@ def boat():
 
 
 class Bench:
-    """Physics and autopilots in one thread: what is sent is handled, and what comes back read."""
+    """Physics and fake autopilots in one thread."""
 
     def __init__(self, scenario, vehicle, log=None):
         vehicle.reset()
@@ -54,7 +54,7 @@ class Bench:
         self.pilot = FakeArduPilot(self.port)
 
     def handle(self):
-        """What waits, one packet; without a log."""
+        """Handle one waiting packet, without a log."""
         ends = iter([False, True])
         return self.physics.serve(stop=lambda: next(ends), tell=self.said.append)
 
@@ -92,7 +92,7 @@ def test_vehicle_is_held_until_pulses_then_steps_per_frame(bench):
 
 @pytest.mark.real_time
 def test_motion_matches_the_compiled_world(bench, boat):
-    """By hand: the world's own step, with the command that 1800 µs stands for."""
+    """Reference: the world's own step, with the command equivalent to 1800 µs."""
     scenario, vehicle = boat
     for _ in range(401):
         state = bench.exchange(PUSH)
@@ -235,7 +235,7 @@ def test_rejects_incompatible_options_before_compiling(words, said):
 
 @pytest.mark.real_time
 def test_fake_ardupilot_hovers_the_quadrotor(tmp_path):
-    """It stands at idle, is let go as its pulses pass 1.5 ms, and flies to a place; then it is started again."""
+    """The vehicle idles, is released when its pulses pass 1.5 ms, and flies to a position, in a second flight."""
     port = free_port()
     words = ("--set", "trajectory=place", "--release", "1500", "--duration", "8", "--out", str(tmp_path / "there"))
     place = f"127.0.0.1:{port}"
@@ -268,7 +268,7 @@ def test_fake_ardupilot_hovers_the_quadrotor(tmp_path):
 
 
 class Hover:
-    """Feedback of place and attitude on what ArduPilot would be told, for the publication's quadrotor, in a plus."""
+    """Position and attitude feedback on the data sent to ArduPilot, for the publication's plus quadrotor."""
 
     PLACE = np.array([0.0, 0.0, -3.5])
 
@@ -278,7 +278,7 @@ class Hover:
         self.state = None
 
     def restart(self):
-        """As ArduPilot is: its count begins at zero."""
+        """Restart the autopilot: its frame count begins at zero."""
         self.autopilot.count = 0
 
     def fly_frame(self, pulses):
@@ -288,7 +288,7 @@ class Hover:
         return state
 
     def pulses(self):
-        """Of each rotor: front, right, rear, left; 615 rad/s at 2 ms."""
+        """Pulses of the rotors: front, right, rear, left; 615 rad/s at 2 ms."""
         p, v, angles, w = (np.array(self.state[n]) for n in ("position", "velocity", "attitude", "gyro"))
         a = np.clip(2.0 * (self.PLACE - p) - 2.5 * v, -2.0, 2.0)
         thrust = self.m * (9.81 - a[2])

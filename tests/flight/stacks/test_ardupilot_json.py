@@ -1,4 +1,4 @@
-"""ArduPilot's frames and the answer to them, byte for byte as its readme has them."""
+"""ArduPilot's frames and the answers to them, byte for byte as in its readme."""
 
 import json
 import math
@@ -52,7 +52,7 @@ def test_the_answer_is_one_line_of_json_between_two_line_feeds():
 
 
 def test_no_json_key_is_found_inside_an_earlier_one():
-    """ArduPilot takes the first place at which a key's letters stand."""
+    """ArduPilot reads a key at the first occurrence of its letters."""
     text = format_state(1.0, STATE).decode()
     for key in json.loads(text) | json.loads(text)["imu"]:
         assert text.index(key) == text.index(f'"{key}":') + 1

@@ -1,4 +1,4 @@
-"""Flights of a vehicle that others fly: a log for each, from the first state, with what people were told."""
+"""Flights of a vehicle under an external autopilot: one log per flight, with the messages to the user."""
 
 import pytest
 
@@ -33,7 +33,7 @@ def flights(boat, tmp_path):
 
 
 def fly(flights, steps):
-    """So many milliseconds, with the count of rows as a signal."""
+    """Advance by `steps` milliseconds, with the step number as a signal."""
     for k in range(steps):
         flights.vehicle.advance(k * ms(1), lambda t, k=k: flights.write_row(t, (k,)))
 

@@ -1,4 +1,4 @@
-"""A vehicle as PX4's simulator: an autopilot written from PX4's own pages flies it, and what goes wrong."""
+"""A vehicle as PX4's simulator, flown by a fake PX4: lockstep, sensors, errors and a hover."""
 
 import math
 import socket
@@ -40,7 +40,7 @@ def boat():
 
 
 class Bench:
-    """A simulator in a thread, and the port at which an autopilot finds it."""
+    """A simulator in a thread, and its port."""
 
     def __init__(self, scenario, vehicle):
         vehicle.reset()
@@ -68,7 +68,7 @@ def bench(boat):
 
 
 def fly(pilot, controls, samples, *, armed=True):
-    """Answer so many samples; the samples."""
+    """Answer a number of samples and return them."""
     seen = []
     for _ in range(samples):
         seen.append(pilot.receive())
@@ -125,7 +125,7 @@ def test_controls_map_to_pulses_from_1_to_2_ms(boat):
 
 @pytest.mark.real_time
 def test_answers_to_old_samples_are_ignored(bench):
-    """Who answers late at first is not a sample behind for ever."""
+    """An autopilot that answers late at first does not stay a sample behind."""
     pilot = FakePx4(bench.port)
     early = [pilot.receive() for _ in range(6)]
     for sample in early[:3]:
@@ -222,7 +222,7 @@ def test_rejects_incompatible_options_before_compiling(words, said):
 
 @pytest.mark.real_time
 def test_fake_px4_hovers_the_quadrotor_on_its_sensors(tmp_path):
-    """It stands disarmed and at idle, is let go as its pulses pass 1.5 ms, and flies a metre north and two up."""
+    """The vehicle stands disarmed, then idles, is released when pulses pass 1.5 ms, and flies to a goal."""
     port = free_port()
     words = ("--set", "trajectory=place", "--release", "1500", "--duration", "10", "--out", str(tmp_path / "there"))
     there = Program("vehicle", "quadrotor/track", *words, "--json", "--px4", f"127.0.0.1:{port}", folder=tmp_path)
@@ -259,7 +259,7 @@ GOAL = np.array([1.0, 0.0, -2.0])
 
 
 def hover(own):
-    """Feedback of place and attitude for the publication's quadrotor: front, right, rear, left; 615 rad/s at 1."""
+    """Position and attitude feedback for the publication's quadrotor: front, right, rear, left; 615 rad/s at 1."""
     craft = Multirotor()
     mass, inertia = float(craft.mass), np.asarray(craft.inertia)
     a = np.clip(2.0 * (GOAL - own.p) - 2.5 * own.v, -2.0, 2.0)

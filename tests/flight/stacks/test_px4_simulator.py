@@ -1,4 +1,4 @@
-"""What PX4 and its simulator tell each other, against pymavlink and the words of the messages' definitions."""
+"""Messages between PX4 and its simulator, against pymavlink and the message definitions."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Checks before arming: what they say, and their way over a line."""
+"""Checks before arming: their texts and their transfer over a link."""
 
 import math
 
@@ -25,7 +25,7 @@ def line():
 
 
 def ask(line):
-    """The vehicle's answer, and the asker's ear."""
+    """Request the checks and return the messages of the vehicle's answer."""
     (question,) = line.there.feed(line.here.pack("COMMAND_LONG", {"command": 401}))
     packets = pack_checks(line.there, question, CHECKS)
     return [message for packet in packets for message in line.here.feed(packet)]

@@ -1,4 +1,4 @@
-"""Files over a line: pymavlink's own client reads them; nothing else can be read, and nothing written."""
+"""File transfer with pymavlink's client: only listed files can be read, and none written."""
 
 import os
 import struct
@@ -47,7 +47,7 @@ def client(master):
 
 
 def ask(master, operation, *, number=7, session=0, offset=0, data=b"", size=None, steps=0):
-    """One raw request; the answers as (number, operation, asked operation, end of burst, offset, data)."""
+    """Send one raw request. Return answers as (number, operation, asked operation, end of burst, offset, data)."""
     size = len(data) if size is None else size
     payload = struct.pack("<HBBBBBBI", number, session, operation, size, 0, 0, 0, offset) + data
     master.mav.file_transfer_protocol_send(0, 1, 1, list(payload.ljust(251, b"\0")))
@@ -119,7 +119,7 @@ def test_write_operations_are_refused_without_changing_the_folder(dialect, folde
 
 
 def test_in_flight_documents_are_read_but_not_logs(dialect, folder, monkeypatch):
-    """The disk may hang, or hold very many files: nothing of it is touched in flight, a list is the last one."""
+    """The disk may hang or hold many files, so no disk access happens in flight. The last listing is sent."""
     master = connect(dialect, folder)
     ask(master, OPEN, data=b"/logs/vehicle.mcap")
     listed = ask(master, LIST, number=7, data=b"/logs")[0]
@@ -135,7 +135,7 @@ def test_in_flight_documents_are_read_but_not_logs(dialect, folder, monkeypatch)
 
 @pytest.mark.parametrize("is_armed", [False, True])
 def test_a_listing_on_a_disk_that_hangs_is_answered_at_once(folder, monkeypatch, is_armed):
-    """The loop gets the last list, and starts no second listing, until the disk answers."""
+    """Until the disk answers, the loop gets the last listing and starts no second one."""
     hung, listings = threading.Event(), []
 
     def scan(path):

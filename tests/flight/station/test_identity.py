@@ -20,7 +20,7 @@ WORLD = {f"world.vehicle.number_{k}": repr(k / 7) for k in range(40)} | {"scenar
 
 
 class Line:
-    """Both ends; `lose` tells which packets never arrive."""
+    """Both ends of a link. lose: True for the numbers of packets that are lost."""
 
     def __init__(self, theirs, ours, lose=lambda n: False):
         self.vehicle, self.pilot = Endpoint(DIALECT, 1, 1, unsigned=True), Endpoint(DIALECT, 1, 191, unsigned=True)
@@ -43,7 +43,7 @@ class Line:
 
 
 def line_number(entries):
-    """The number that stands for an identity in a request to arm."""
+    """Number of an identity as sent in an arming request."""
     number = digest_number(identity_digest(entries))
     assert float(np.float32(number)) == number
     return number

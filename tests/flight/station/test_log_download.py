@@ -1,4 +1,4 @@
-"""Logs by MAVLink's own messages, as most stations' log pages ask for them."""
+"""Log download by MAVLink's LOG messages, as used by most ground stations."""
 
 import os
 
@@ -58,7 +58,7 @@ def test_part_of_a_log_can_be_requested(master, tmp_path):
 
 
 def test_log_can_be_requested_without_listing_first(master, tmp_path):
-    """Some stations ask so, also after the vehicle has restarted."""
+    """Some stations do so, also after a vehicle restart."""
     master.mav.log_request_data_send(1, 1, 1, 0, 90)
     (piece,) = master.heard("LOG_DATA")
     assert bytes(piece.data) == (tmp_path / "flight.mcap").read_bytes()[:90]

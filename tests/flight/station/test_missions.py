@@ -1,4 +1,4 @@
-"""A vehicle without missions says so at once: pymavlink's mission client is not kept waiting."""
+"""A vehicle without missions answers mission requests at once, so that clients do not wait."""
 
 import pytest
 from flight.station.clients import Master, common

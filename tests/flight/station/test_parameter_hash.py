@@ -1,4 +1,4 @@
-"""The hash of parameters as PX4 and QGroundControl make it, worked out bit by bit from what pymavlink heard."""
+"""Parameter hash of PX4 and QGroundControl, recomputed bit by bit from values received by pymavlink."""
 
 import struct
 
@@ -10,7 +10,7 @@ from trimtab.flight.station.parameters import Parameters
 
 
 def crc_by_bits(data):
-    """CRC-32 with the reflected polynomial 0xEDB88320 that begins with 0 and ends as it is."""
+    """CRC-32 with the reflected polynomial 0xEDB88320, initial value 0 and no final XOR."""
     value = 0
     for byte in data:
         value ^= byte
@@ -69,7 +69,7 @@ def test_list_requested_again_while_sending_has_no_hash(master):
 
 
 def test_every_hash_keeps_its_bits_on_the_wire(dialect, monkeypatch):
-    """As a float of 32 bits some are no numbers, whose bits a processor changes when it converts them."""
+    """Some hashes are NaN when read as float32, and a conversion would change their bits."""
     monkeypatch.setattr(Parameters, "digest", 0x7F812345)
     master = Master(dialect)
     master.mav.param_request_read_send(1, 1, b"_HASH_CHECK", -1)

@@ -1,4 +1,4 @@
-"""Metadata of parameters as ground stations fetch it: pointed at by a message, read by pymavlink's file client."""
+"""Parameter metadata: location given by a message, file read by pymavlink's file client."""
 
 import json
 import lzma

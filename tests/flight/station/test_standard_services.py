@@ -1,4 +1,4 @@
-"""The vehicle's end against a ground station's, over packets; and against pymavlink's meaning of the numbers."""
+"""Standard services of a vehicle, used by a ground station over packets. Numbers are compared with pymavlink's."""
 
 import math
 
@@ -39,7 +39,7 @@ class Line:
         self.station = Station(self.vehicle, parameters(), MODES, **{"vehicle": kind, **how})
 
     def ask(self, name, now=0, **fields):
-        """Send a message; what comes back, and the events."""
+        """Send a message. Return the replies and the events."""
         events, replies = [], []
         for message in self.vehicle.feed(self.ground.pack(name, fields)):
             done = self.station.handle_message(message, now)
@@ -48,7 +48,7 @@ class Line:
         return replies, events
 
     def command(self, number, *params, **fields):
-        """Send a COMMAND_LONG; the result, the texts and the events."""
+        """Send a COMMAND_LONG. Return the result, the texts and the events."""
         given = {f"param{k + 1}": v for k, v in enumerate(params)}
         replies, events = self.ask(
             "COMMAND_LONG", command=number, target_system=1, target_component=1, **given, **fields
@@ -145,7 +145,7 @@ def test_arming_is_refused_if_settings_changed_since_comparison(line):
 
 
 def test_after_a_failsafe_arming_has_to_be_confirmed(line):
-    """By what ground stations call forcing: it confirms, and overrides nothing."""
+    """A forced arming request counts as confirmation and overrides no check."""
     line.station.status = Status(confirmation_problem="confirmation: 0, at least 1; disarm, then arm")
     assert line.command(400, 1.0) == (1, "Arming refused: confirmation: 0, at least 1; disarm, then arm", [])
     assert line.command(400, 1.0, 21196.0) == (0, "", [ArmRequest(True, by_hand=True)])
@@ -342,7 +342,7 @@ def test_too_many_texts_are_dropped_and_counted(line):
 
 @given(st.data())
 def test_station_survives_any_fuzzed_message(dialect, data):
-    """Any message of the dialect, with any bytes as its payload, and all that follows packs."""
+    """Any message of the dialect with random bytes as payload. All replies can be packed."""
     line = Line(dialect)
     for _ in range(5):
         definition = data.draw(st.sampled_from(list(dialect.definitions.values())))

@@ -1,4 +1,4 @@
-"""Rates of messages, as ground stations change them, counted over the vehicle's time."""
+"""Message rates set by ground stations, counted over the vehicle's time."""
 
 from collections import Counter
 
@@ -13,7 +13,7 @@ ATTITUDE, LANDED, IMU, INTERVAL, UNKNOWN = 30, 245, 105, 244, 31
 
 
 class Line:
-    """A vehicle's streams, and who hears them."""
+    """A vehicle's streams and a ground station that receives them."""
 
     def __init__(self, dialect) -> None:
         self.vehicle = Endpoint(dialect, 1, 1, unsigned=True)
@@ -28,7 +28,7 @@ class Line:
         self.now = 0
 
     def count(self, duration):
-        """How many of each came in a duration, asked every millisecond."""
+        """Number of messages of each name sent within a duration."""
         found = Counter()
         for _ in range(duration // ms(1)):
             packets = self.streams.due(self.now)

@@ -1,4 +1,4 @@
-"""Several peers at one listening socket: the one that sends good packets holds the line. In the test's own time."""
+"""Several peers at one listening socket: the sender of good packets keeps the link. With a clock set by the test."""
 
 import socket
 
@@ -9,7 +9,7 @@ from trimtab.flight.transports.reconnecting_stream import LONGEST_MUTE, TRIAL, S
 
 
 class TestClock:
-    """Time passes where somebody waits."""
+    """Clock that advances only during waits."""
 
     __test__ = False
 
@@ -25,7 +25,7 @@ class TestClock:
 
 
 class Line:
-    """A link that listens, and the callers of its port."""
+    """A listening link and the callers of its port."""
 
     def __init__(self):
         listener = socket.socket(socket.AF_UNIX)
@@ -44,7 +44,7 @@ class Line:
         return caller
 
     def receive(self, accept=()):
-        """Receive once; a piece of the good ones is accepted. Then a tenth of a second passes."""
+        """Receive once, and accept the sender of any data in `accept`. Then advance by a tenth of a second."""
         piece = self.link.receive(0.0)
         if piece in accept:
             self.link.accept_sender()

@@ -44,7 +44,7 @@ def test_table_5_1_is_verbatim():
 )
 @pytest.mark.parametrize(("pair", "path"), ROWS)
 def test_drawn_latencies_have_the_measured_mean_and_spread(pair, path):
-    """Mean and standard deviation within 2 %; no packet is faster than the smallest seen, less 2 ms."""
+    """Mean and standard deviation within 2 %. No packet is faster than the smallest measured latency less 2 ms."""
     link = bluetooth_link(pair, path)
     link.check()
     latency, lost = jax.jit(jax.vmap(lambda k: link.draw(key(1), k)))(jnp.arange(100_000))

@@ -1,6 +1,6 @@
-"""Each transport carries bytes both ways, and comes back after its peer or device has gone.
+"""Each transport carries bytes both ways, and reconnects after its peer or device was gone.
 
-Of the modules stream and open_link of trimtab.flight.transports.
+Tests of the modules stream and open_link of trimtab.flight.transports.
 """
 
 import select
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("runtime")
 
 @pytest.fixture(params=["serial", "udp", "tcp", "loopback"])
 def pair(request, tmp_path):
-    """Two ends that are connected, of each kind."""
+    """Two connected ends of each kind of link."""
     if request.param == "serial":
         with SerialPair(tmp_path) as cable:
             ends = [open_link(uri) for uri in cable.uris]
@@ -80,7 +80,7 @@ def test_descriptor_becomes_readable_when_data_arrives(pair):
 
 @pytest.mark.real_time
 def test_sending_without_a_reader_drops_and_never_blocks(pair, request):
-    """4000 packets of 1000 bytes are more than any buffer here; what was taken arrives whole and in order."""
+    """4000 packets of 1000 bytes exceed every buffer. Accepted packets arrive complete and in order."""
     a, b = pair
     packets = [i.to_bytes(4, "big") + bytes([i % 251]) * 996 for i in range(4000)]
     start = time.process_time()
@@ -146,7 +146,7 @@ def test_restarted_client_is_accepted_again(scheme):
 
 
 def test_connection_retries_back_off_to_two_seconds():
-    """Counted by a clock of the test's own."""
+    """Measured with a clock set by the test."""
     from trimtab.flight.transports import reconnecting_stream
 
     class Nobody:

@@ -1,4 +1,4 @@
-"""RFCOMM between two virtual Bluetooth controllers, with a stack in software beneath our link."""
+"""RFCOMM between two virtual Bluetooth controllers, with a software stack below the link."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""Waiting ends when something comes, and not a millisecond early or late when nothing does."""
+"""Waits end when data arrives, or at the timeout with sub-millisecond accuracy."""
 
 import os
 import select
@@ -25,7 +25,7 @@ def test_wait_detects_readable_and_writable_descriptors():
 
 
 def test_waits_below_a_millisecond_are_accurate():
-    """Half of 200 waits of 0.2 ms end within 0.9 ms; in whole milliseconds none would."""
+    """Half of 200 waits of 0.2 ms end within 0.9 ms. With timeouts in whole milliseconds none would."""
     reading, writing = os.pipe()
     try:
         times = []

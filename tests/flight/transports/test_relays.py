@@ -1,4 +1,4 @@
-"""The relays that other tests rely on do what they say."""
+"""The relays used by other tests apply the configured disturbances."""
 
 import statistics
 

@@ -9,7 +9,7 @@ pytestmark = pytest.mark.real_time
 
 
 def test_dialing_a_closed_port_does_not_connect_to_itself():
-    """The system may give the calling socket the very port that it calls: TCP then connects it to itself."""
+    """The system may give the calling socket the port that it calls. TCP then connects the socket to itself."""
     port = free_port()
 
     def make():

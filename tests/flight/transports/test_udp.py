@@ -1,4 +1,4 @@
-"""UDP links: whom a listening end answers. Most run on a virtual network; two on the kernel's sockets."""
+"""UDP links: peers answered by a listening end. Most tests use a virtual network, two the kernel's sockets."""
 
 import socket
 
