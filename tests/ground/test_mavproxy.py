@@ -1,4 +1,4 @@
-"""MAVProxy, headless, with the passphrase of the vehicle's key file: reads, arms, commands; with another, nothing."""
+"""Headless MAVProxy reads, arms and commands a vehicle with its passphrase, and gets no answer with another one."""
 
 import contextlib
 import importlib.util
@@ -20,7 +20,7 @@ AGAIN = 3.0
 
 
 class MavProxy:
-    """A MAVProxy that is typed at."""
+    """A MAVProxy process controlled by typed lines."""
 
     def __init__(self, port, home) -> None:
         command = [sys.executable, "-W", "ignore", "-u", "-m", "MAVProxy.mavproxy", "--mav20", "--nowait", "--no-state"]
@@ -43,7 +43,7 @@ class MavProxy:
             self.said += line
 
     def type(self, line, wanted=None):
-        """Type a line, again and again until what is wanted has been said since."""
+        """Type a line repeatedly until the wanted text appears in the output."""
         start, end, again = len(self.said), time.monotonic() + PATIENCE, 0.0
         while True:
             if time.monotonic() > again:
