@@ -20,7 +20,7 @@ SETTINGS = [  # period, send period, sensor period, first valid sample, longest 
 
 
 def oracle(times, link, sent_at, sensor_period, first):
-    """A list of packets, walked from its start at every instant."""
+    """Reference: a list of packets, searched from its start at every instant."""
     packets, offered, sent, lost, rows, held = [], -1, 0, 0, [], None
     for t in times:
         sample = sent_at(t, sensor_period, first)

@@ -26,7 +26,7 @@ def test_recording_round_trips_bit_by_bit(tmp_path):
 
 
 def test_replay_reproduces_a_recording_exactly(drive):
-    """Of a link in order, on its own grid: each arrival is the recorded one, and the recording starts again."""
+    """For an ordered link on its own grid each arrival equals the recorded one, also after the recording restarts."""
     random = np.random.default_rng(0)
     sent = np.arange(40) * ms(20)
     arrival = np.maximum.accumulate(sent + random.integers(20, 120, 40) * ms(1))

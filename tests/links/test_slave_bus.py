@@ -1,4 +1,4 @@
-"""Slave bus: its longest delay, and every arrival against a list of slots written here."""
+"""Slave bus: transmission times, and every arrival against a list of slots."""
 
 import functools
 
@@ -31,7 +31,7 @@ BYTES = 5 + 2 * 4 + 1 + 1
 
 
 def flown(bus, made, n, grid=10_000):
-    """Samples at the receiving end at n instants, where samples are measured at the times `made` (ms)."""
+    """State and received samples at n instants, for samples measured at the times `made` (ms)."""
     times = np.full(100, np.iinfo(np.int64).max)
     times[: len(made)] = np.array(made) * ms(1)
     return jax.tree.map(np.asarray, _flown(to_arrays(bus), times, np.int64(grid), n))
@@ -50,7 +50,7 @@ def _flown(bus, times, grid, n):
 
 
 def slots(made, size=BYTES, queue=200.0):
-    """Arrival (ms) of each message by filling a list of slots one by one; None: dropped."""
+    """Reference arrival (ms) of each message from a list of slots. None: dropped."""
     free, arrivals = 0, []
     for t in made:
         pieces = [10] * (size // 10) + ([size % 10] if size % 10 else [])
@@ -73,7 +73,7 @@ def test_10_bytes_and_an_address_take_0_99_ms():
 
 
 def test_last_piece_duration_depends_on_its_bytes():
-    """Two pieces, of 10 bytes and of 5: the second begins 10 ms on and takes (5 + 1) 9 bits at 100 kHz."""
+    """Two pieces of 10 and 5 bytes: the second starts 10 ms later and takes (5 + 1) 9 bits at 100 kHz."""
     _, out = flown(SlaveBus(period=ms("0.01"), queue=ms(20), capacity=2100), [0], 1100, ms("0.01"))
     assert int(np.argmax(out.valid)) == 1000 + 54
 
