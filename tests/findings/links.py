@@ -67,7 +67,7 @@ FINDINGS = [
         "L2",
         "paused terminal of a vehicle that is stopped",
         "lift stays on",
-        partial(run_tests, "flight/test_outputs.py::test_a_paused_terminal_does_not_hold_up_the_outputs"),
+        partial(run_tests, "flight/test_outputs.py::test_blocked_terminal_does_not_delay_the_outputs"),
     ),
     Finding(
         "L3",
@@ -130,7 +130,7 @@ FINDINGS = [
         "PARAM_SET of the integer 3 to a mass",
         "4.2e-45 kg",
         partial(
-            run_tests, "flight/station/test_standard_services.py::test_a_real_parameter_in_another_type_is_refused"
+            run_tests, "flight/station/test_standard_services.py::test_rejects_real_parameter_sent_as_another_type"
         ),
     ),
     Finding(

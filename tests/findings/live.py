@@ -54,7 +54,7 @@ FINDINGS = [
         "V3",
         "Ctrl-S in the vehicle's terminal, and one line to print",
         "lift stays on",
-        held_by("test_outputs.py::test_a_paused_terminal_does_not_hold_up_the_outputs"),
+        held_by("test_outputs.py::test_blocked_terminal_does_not_delay_the_outputs"),
     ),
     Finding(
         "V4",

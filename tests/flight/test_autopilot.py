@@ -115,7 +115,7 @@ def test_commands_reach_the_actuators_as_they_were_sent(flown):
     assert {tuple(v) for v in obeyed.tolist()} <= sent
 
 
-def test_a_quiet_network_keeps_every_deadline(flown):
+def test_every_deadline_is_met_on_a_quiet_network(flown):
     kept = flown.flight.deadlines
     assert (kept.own, kept.scheduler, flown.flight.skipped) == (0, 0, 0)
     assert kept.late.longest == 0
@@ -123,7 +123,7 @@ def test_a_quiet_network_keeps_every_deadline(flown):
     assert flown.pair.outputs_said[0].endswith("safe, 0.0 ms after the last row: the vehicle has ended")
 
 
-def test_commands_leave_once_in_a_servo_frame(flown):
+def test_commands_are_sent_once_per_servo_frame(flown):
     sent = np.diff(flown.truth.t[flown.truth["firmware.command.fresh"].astype(bool)])
     assert sent.min() > 0.9e-7 * SERVO_FRAME
     assert sent.max() < 1.1e-7 * SERVO_FRAME

@@ -174,7 +174,7 @@ def test_commands_carry_the_vehicles_time():
     assert (message.get("t"), message.get("valid"), message.get("real")) == (5 * MS + 111, 1, 2.5)
 
 
-def test_frames_have_the_paths_of_a_simulations_log():
+def test_frame_paths_match_those_of_a_simulation_log():
     assert frame_log_path("samples.inertial-unit.t") == "downlink.inertial-unit.t"
     assert frame_log_path("t") is None
 

@@ -69,7 +69,7 @@ def test_only_autopilot_gets_samples_and_peers_see_no_gaps(line):
     assert endpoint.counts.sent == 1200  # numbered anew is not sent anew
 
 
-def test_a_lost_sample_is_counted_by_the_autopilot_alone(line):
+def test_lost_sample_is_counted_only_by_the_autopilot(line):
     broadcast, endpoint, take, (autopilot, station, _) = line
     for peer in (autopilot, station):
         peer.say()

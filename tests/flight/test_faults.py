@@ -198,7 +198,7 @@ def test_cases_flown_separately_are_merged_into_the_page():
     assert format_page([ones["a"]], "x", "", order).count("`a`") == 1
 
 
-def test_a_case_that_was_skipped_keeps_the_row_of_an_existing_page():
+def test_skipped_case_keeps_its_row_in_the_page():
     flown = CaseOutcome("serial", "does", "happened", (), ())
     skipped = flown._replace(skipped="needs --real-time")
     assert "skipped: needs --real-time" in (new := format_page([skipped], "x"))
@@ -258,7 +258,7 @@ def test_a_case_holds_in_virtual_time(name, tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_flight_in_another_process_is_the_same_bit_for_bit(tmp_path):
+def test_flight_in_another_process_is_bit_identical(tmp_path):
     """Another process has another hash seed, so that sets have another order."""
     mine = _fly_virtual_case(1, "taken-over", tmp_path / "flight").digest
     environment = {**os.environ, "PYTHONHASHSEED": "7", "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -244,7 +244,7 @@ def test_frozen_outputs_process_is_detected_and_driver_goes_safe(tmp_path):
 
 
 @pytest.mark.real_time
-def test_a_paused_terminal_does_not_hold_up_the_outputs(tmp_path):
+def test_blocked_terminal_does_not_delay_the_outputs(tmp_path):
     """Standard error is a full pipe without a reader. The outputs still go safe, stop the lift and end."""
     reader, writer = os.pipe()
     os.set_blocking(writer, False)

@@ -175,7 +175,7 @@ def test_authority_over_armed_vehicle_needs_own_acknowledgement():
 
 
 @pytest.mark.parametrize("mass", ["2.6", "3.0"])
-def test_settings_of_a_vehicle_in_flight_are_compared_before_it_is_taken_over(mass):
+def test_settings_are_compared_before_taking_over_a_flight(mass):
     line = Line(settings={"world.vehicle.mass": mass})
     line.beat(armed=True)
     line.run(ms(900))

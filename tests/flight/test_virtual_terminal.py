@@ -38,7 +38,7 @@ def test_lines_that_do_not_fit_are_lost_and_counted():
     assert written == [str(k) for k in range(ROOM)]
 
 
-def test_settling_takes_no_longer_than_the_terminal_hangs():
+def test_settle_returns_when_the_terminal_resumes():
     time, _, terminal, written, lines = start()
     terminal.hangs = True
     lines.put("a")

@@ -30,7 +30,7 @@ def test_wait_handles_all_packets_and_is_never_early():
     assert line.waited[-1] == 0.0
 
 
-def test_a_flood_does_not_stop_the_clock():
+def test_packet_flood_does_not_stop_the_clock():
     line, heard = Line(10_000), []
     clock = WallClock(line)
     clock.wait(clock.now() - 1, line, heard.append)

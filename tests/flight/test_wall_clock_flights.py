@@ -82,16 +82,16 @@ def check(folder, name, navigation, listen, link, bus="none"):
 
 
 @pytest.mark.parametrize(("name", "navigation"), NAVIGATED)
-def test_over_udp_targets_are_reached_as_in_simulated_flights(name, navigation, tmp_path):
+def test_targets_are_reached_over_udp_as_in_simulation(name, navigation, tmp_path):
     port = free_port()
     check(tmp_path, name, navigation, f"udp://127.0.0.1:{port}", f"udp://127.0.0.1:{port}")
 
 
-def test_over_a_serial_cable_targets_are_reached_as_in_simulated_flights(tmp_path):
+def test_targets_are_reached_over_serial_as_in_simulation(tmp_path):
     with SerialPair(tmp_path) as cable:
         check(tmp_path, "hovercraft/forward", "errors", *cable.uris)
 
 
-def test_with_a_slow_bus_on_the_vehicle_targets_are_reached_as_in_simulated_flights(tmp_path):
+def test_targets_are_reached_with_a_slow_vehicle_bus(tmp_path):
     line = f"udp://127.0.0.1:{free_port()}"
     check(tmp_path, "hovercraft/forward", "ins", line, line, bus="slave")

@@ -39,7 +39,7 @@ def words(ms, mode, wanted=0, speed=0):
     ]
 
 
-def test_flights_come_in_order_over_both_sectors():
+def test_flights_are_read_in_order_over_both_sectors():
     assert zlib.crc32(struct.pack("<2I", 5, 6)) ^ 0xFFFFFFFF == crc([5, 6], 0xFFFFFFFF)  # it is CRC-32
     newer = sector_bytes(9, [words(300, 1, 6000, 5985), words(100, 1, -6000, -5970)])
     older = sector_bytes(8, [words(100, 1), words(200, 1)])

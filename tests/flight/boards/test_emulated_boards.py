@@ -88,7 +88,7 @@ def test_board_and_computer_agree_bit_by_bit(tmp_path, target, real):
 
 @needs_board
 @pytest.mark.parametrize(("target", "real", "error"), [("cortex-m4", "float", 3e-7), ("cortex-m7", "double", 5e-16)])
-def test_sines_of_the_c_library_differ_by_roundings(tmp_path, target, real, error):
+def test_library_sines_differ_only_by_rounding(tmp_path, target, real, error):
     """Each library promises about 1 unit in the last place (6e-8, 1.1e-16 relative to 1), but not identical bits."""
     folder = exported(tmp_path / "sample", real, **{"#ifdef LIBRARY_SINE": "#if 1"})
     here, board = flown_here(folder)[:-3], emulate(folder, target)

@@ -114,7 +114,7 @@ HEAVY = [pytest.mark.thorough, pytest.mark.timeout(600)]
         pytest.param({"filter": "adaptive"}, 108_500, 43_008, 199_680, marks=HEAVY),
     ],
 )
-def test_filter_of_the_modes_and_stable_inversion_fly_on_the_board(settings, instructions, stack, ram, tmp_path):
+def test_modal_filter_and_stable_inversion_fly_on_the_board(settings, instructions, stack, ram, tmp_path):
     """The hypersonic vehicle's whole autopilot in double on a Cortex-M7, 200 steps a second: well inside 5 ms.
 
     Bounds are 2 % above what gcc 12.2 gives: 4204, 6153, 446 477 and 101 325 instructions at most.

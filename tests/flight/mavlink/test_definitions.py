@@ -12,7 +12,7 @@ XML = """<mavlink><version>3</version><messages><message id="7" name="ODD"><desc
 </mavlink>"""
 
 
-def test_standard_messages_are_those_of_the_common_dialect():
+def test_standard_messages_match_pymavlinks_common_dialect():
     """Number, CRC_EXTRA, layout and field names, against pymavlink's own."""
     found = read_definitions(STANDARD.read_text("utf-8"))
     assert {"HEARTBEAT", "TIMESYNC", "COMMAND_LONG", "PARAM_SET", "MANUAL_CONTROL", "STATUSTEXT"} <= found.keys()

@@ -192,7 +192,7 @@ def test_untimely_packet_reports_its_lead_without_side_effect(dialect, pair, clo
     assert b.untimely == []
 
 
-def test_lost_packets_are_counted_by_sequence_and_late_ones_are_not_lost(open_pair):
+def test_losses_are_counted_by_sequence_except_late_packets(open_pair):
     a, b = open_pair
     packets = [a.pack("HEARTBEAT") for _ in range(300)]
     b.feed(b"".join(packets[:10] + packets[13:200] + packets[290:]))

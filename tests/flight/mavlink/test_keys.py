@@ -91,7 +91,7 @@ def test_short_passphrases_are_refused():
         passphrase_key("fifteen-letters")
 
 
-def test_the_secret_is_not_shown():
+def test_secret_is_not_shown_in_repr():
     key = passphrase_key("correct-horse-battery-staple")
     assert key.secret.hex()[:8] not in repr(key)
     assert repr(key.secret)[2:10] not in f"{key} {[key]}"

@@ -29,7 +29,7 @@ def end():
 
 
 @pytest.mark.parametrize("name", ["HIL_ACTUATOR_CONTROLS", "HIL_SENSOR", "HIL_GPS"])
-def test_the_messages_are_those_of_mavlinks_common_dialect(end, name):
+def test_simulator_messages_match_the_common_dialect(end, name):
     ours, theirs = end.dialect.definitions[name], common.mavlink_map[end.dialect.definitions[name].id]
     assert (theirs.msgname, theirs.crc_extra) == (name, ours.crc_extra)
     assert theirs.unpacker.size == ours.size

@@ -14,7 +14,7 @@ def master(dialect):
     return Master(dialect, [MissionService(Endpoint(dialect, 1, 1, unsigned=True))])
 
 
-def test_results_are_those_of_the_common_dialect():
+def test_result_codes_match_the_common_dialect():
     assert MissionResult.ACCEPTED == common.MAV_MISSION_ACCEPTED
     assert MissionResult.UNSUPPORTED == common.MAV_MISSION_UNSUPPORTED
     assert MissionResult.INVALID_SEQUENCE == common.MAV_MISSION_INVALID_SEQUENCE

@@ -33,7 +33,7 @@ def listed(master):
     return master.heard("PARAM_VALUE", 1000)
 
 
-def test_the_list_begins_with_the_hash_of_what_follows(master):
+def test_parameter_list_begins_with_its_hash(master):
     first, *rest = listed(master)
     assert (first.param_id, first.param_type, first.param_index) == ("_HASH_CHECK", common.MAV_PARAM_TYPE_UINT32, 65535)
     assert first.param_count == len(rest) == 7

@@ -33,7 +33,7 @@ def parameters() -> Parameters:
     return Parameters(Outer(Inner(2.6, np.array([0.1, 0.2]), 3, 1, True), 0.2), "world.vehicle")
 
 
-def test_every_number_has_a_name_a_path_and_a_value():
+def test_every_parameter_has_a_name_path_and_value():
     own = parameters()
     assert own.table() == {
         "WVI_MASS": ("world.vehicle.inner.mass", 0),
@@ -55,7 +55,7 @@ PATHS = st.lists(st.text("abc_é0-", min_size=1, max_size=20), min_size=1, max_s
 
 @settings(max_examples=40)
 @given(st.lists(PATHS, unique=True, max_size=40))
-def test_names_are_legal_and_differ(paths):
+def test_parameter_names_are_valid_and_unique(paths):
     names = parameter_names(paths)
     assert len(set(names)) == len(names) == len(paths)
     assert all(0 < len(n) <= 16 and n.isascii() for n in names)

@@ -144,7 +144,7 @@ def test_arming_is_refused_if_settings_changed_since_comparison(line):
     assert (result, len(events)) == (0, 1)  # disarming is never refused for that
 
 
-def test_after_a_failsafe_arming_has_to_be_confirmed(line):
+def test_arming_after_failsafe_needs_confirmation(line):
     """A forced arming request counts as confirmation and overrides no check."""
     line.station.status = Status(confirmation_problem="confirmation: 0, at least 1; disarm, then arm")
     assert line.command(400, 1.0) == (1, "Arming refused: confirmation: 0, at least 1; disarm, then arm", [])
@@ -255,7 +255,7 @@ def test_parameter_set_answers_with_the_value_in_force(line):
 
 
 @pytest.mark.parametrize("kind", [1, 2, 3, 4, 5, 6, 7, 8, 10])
-def test_a_real_parameter_in_another_type_is_refused(line, kind):
+def test_rejects_real_parameter_sent_as_another_type(line, kind):
     """The bytes of the integer 3, read as a real number, are 4.2e-45."""
     replies, events = line.ask("PARAM_SET", target_system=1, param_id="WVI_MASS", param_value=3.0, param_type=kind)
     assert not events
@@ -319,7 +319,7 @@ def test_broadcast_ping_is_echoed(line):
 
 
 @pytest.mark.parametrize("length", [0, 50, 51, 100, 120])
-def test_long_texts_go_in_pieces_that_a_reader_can_join(line, length):
+def test_long_texts_are_split_and_can_be_rejoined(line, length):
     text = "0123456789" * (length // 10) + "x" * (length % 10)
     line.station.queue_text(protocol.Severity.INFO, text)
     pieces = [m for m in line.due(0) if m.name == "STATUSTEXT"]

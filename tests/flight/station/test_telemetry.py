@@ -25,7 +25,7 @@ def test_rotation_to_world_matches_scipy(attitude, vector):
     assert telemetry.rotate_to_world(attitude, vector) == pytest.approx(expected, abs=1e-9)
 
 
-def test_attitude_is_wrapped_and_timed():
+def test_attitude_message_has_wrapped_yaw_and_boot_time():
     found = telemetry.attitude(seconds("1.5"), SEEN)
     assert found["time_boot_ms"] == 1500
     assert found["yaw"] == pytest.approx(7.0 - 2 * math.pi)
@@ -53,7 +53,7 @@ def test_imu_update_flags_reflect_the_magnetometer():
     assert whole["fields_updated"] == 0b111_111_111
 
 
-def test_servos_and_receiver_give_microseconds():
+def test_servo_and_receiver_messages_are_in_microseconds():
     found = telemetry.servo_outputs(seconds(5000), [0.0, 0.5, 1.0, NAN])
     assert [found[f"servo{k}_raw"] for k in range(1, 5)] == [1000, 1500, 2000, 0]
     assert found["time_usec"] == 5_000_000_000 % 2**32
@@ -72,7 +72,7 @@ def test_health_reports_link_loss_and_present_sensors_only():
     assert telemetry.system_health(Health(0), Health(0), 0, 0, 0)["drop_rate_comm"] == 0
 
 
-def test_every_message_can_be_packed_and_read_by_another_implementation(dialect):
+def test_every_telemetry_message_is_readable_by_pymavlink(dialect):
     common = pytest.importorskip("pymavlink.dialects.v20.common")
     own, theirs = Endpoint(dialect, 1, 1, unsigned=True), common.MAVLink(None)
     for name, fields in (

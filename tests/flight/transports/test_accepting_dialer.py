@@ -106,7 +106,7 @@ def test_good_caller_keeps_the_link_until_silent(line):
     assert line.receive() == b"good"  # its connection had only been put back
 
 
-def test_a_mute_caller_stays_while_no_other_speaks(line):
+def test_mute_caller_is_kept_while_no_other_sends(line):
     line.call()
     line.receive()
     line.clock.now += 10 * LONGEST_MUTE

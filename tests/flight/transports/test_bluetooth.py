@@ -20,7 +20,7 @@ Free2Move/Linksys   2.9/16.2 | 38.83 8.80 20 68   | 32.62 8.49 14 65    | 75.69 
 ROWS = [(pair, path) for pair in TABLE for path in ("up", "down")]
 
 
-def test_table_5_1_is_verbatim():
+def test_delay_table_matches_the_printed_table_5_1():
     printed = {}
     for line in PRINTED.strip().splitlines():
         pair, *paths = line.split("|")

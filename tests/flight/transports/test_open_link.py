@@ -55,7 +55,7 @@ def test_every_byte_passes_both_ways_and_is_counted(pair):
 
 
 @pytest.mark.real_time
-def test_receive_waits_for_its_deadline_and_no_longer_than_it_must(pair):
+def test_receive_returns_at_its_timeout_or_on_data(pair):
     a, b = pair
     start = time.monotonic()
     assert a.receive(0.15) is None

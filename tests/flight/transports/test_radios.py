@@ -52,7 +52,7 @@ def test_a_stream_longer_than_a_frame_arrives_whole_and_in_order(pair):
     assert got + collect(vehicle, len(whole) - len(got)) == whole
 
 
-def test_radios_that_lost_each_other_connect_again(pair, radios):
+def test_radios_reconnect_after_losing_each_other(pair, radios):
     vehicle, ground = pair
     radios.lose()
     end = time.monotonic() + PATIENCE

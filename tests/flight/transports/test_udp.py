@@ -147,7 +147,7 @@ def test_a_calling_end_sends_private_packets_and_no_public_ones():
     run_in_virtual_time(body)
 
 
-def test_replies_to_a_stranger_alone_and_does_not_accept_it():
+def test_reply_reaches_only_the_stranger_without_accepting_it():
     def body(line):
         server, known, stranger = line.listen(), line.call(), line.call()
         assert server.reply(b"to nobody") is False
