@@ -46,7 +46,7 @@ def test_mavsdk_reads_state_arms_and_changes_mode_and_parameters(tmp_path):
     assert report["released_s"] is not None
 
 
-def test_mavsdk_sees_no_vehicle_that_signs(tmp_path):
+def test_mavsdk_finds_no_signing_vehicle(tmp_path):
     with served(tmp_path) as vehicle:
         found = station(vehicle.port)
         report = vehicle.stop()

@@ -46,7 +46,7 @@ def test_the_delay_is_exact_for_any_input(drive, sent_at, period, steps, sensor_
     np.testing.assert_array_equal(out.fresh, new)
 
 
-def test_invalid_samples_stay_invalid_on_their_way(drive):
+def test_invalid_samples_stay_invalid_through_the_delay(drive):
     t, out, _ = drive(DelayChain(ms(2), 3), key(0), 30, first=ms(10))
     np.testing.assert_array_equal(out.valid, t >= ms(16))
     assert t[out.fresh][0] == ms(16)

@@ -34,7 +34,7 @@ def test_the_table_holds_the_quantiles_of_a_shifted_gamma_distribution():
 
 
 @pytest.mark.parametrize("moments", [(0.03, 0.008, 0.03), (0.03, 0.0, 0.01), (0.03, 0.008, -0.01), (np.nan, 1, 0)])
-def test_moments_that_make_no_distribution_are_refused(moments):
+def test_rejects_moments_without_a_gamma_distribution(moments):
     with pytest.raises(InputError, match="give no distribution"):
         gamma_table(*moments)
 

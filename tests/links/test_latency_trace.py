@@ -48,7 +48,7 @@ def test_replay_reproduces_a_recording_exactly(drive):
     assert lost.sum() > 3
 
 
-def test_faults_are_switched_off_one_by_one():
+def test_imperfections_can_be_disabled_one_by_one():
     link = LatencyTrace.of(RECORDED)
     mean = RECORDED.latency_s[~RECORDED.lost].mean()
     np.testing.assert_array_equal(without(link, "delay").latency, 0.0)
@@ -107,7 +107,7 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path):
         read_trace(tmp_path / "binary.csv")
 
 
-def test_spaces_a_byte_order_mark_and_equal_times_are_read(tmp_path):
+def test_reads_spaces_byte_order_mark_and_equal_times(tmp_path):
     (tmp_path / "a.csv").write_text("\ufeffsent_s, latency_s\r\n 0.02 , 0.04 \r\n0.02,\r\n", encoding="utf-8")
     trace = read_trace(tmp_path / "a.csv")
     np.testing.assert_array_equal(trace.sent_s, [0.02, 0.02])
