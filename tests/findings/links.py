@@ -67,7 +67,7 @@ FINDINGS = [
         "L2",
         "paused terminal of a vehicle that is stopped",
         "lift stays on",
-        partial(run_tests, "flight/test_outputs.py::test_a_paused_terminal_does_not_hold_up_the_outputs"),
+        partial(run_tests, "flight/test_outputs.py::test_blocked_terminal_does_not_delay_the_outputs"),
     ),
     Finding(
         "L3",
@@ -91,8 +91,8 @@ FINDINGS = [
         "failsafe after 0.5 s",
         partial(
             run_tests,
-            "flight/test_duties.py::test_sticks_that_are_given_back_are_not_missed",
-            "flight/station/test_standard_services.py::test_eight_zeros_give_the_sticks_back",
+            "flight/test_duties.py::test_released_receiver_is_not_a_lost_radio",
+            "flight/station/test_standard_services.py::test_override_of_eight_zeros_releases_the_sticks",
         ),
     ),
     Finding(
@@ -100,7 +100,7 @@ FINDINGS = [
         "RC_CHANNELS of 0, 880 or 3000 us",
         "full stick",
         partial(
-            run_tests, "flight/station/test_standard_services.py::test_a_pulse_that_no_receiver_sends_is_no_signal"
+            run_tests, "flight/station/test_standard_services.py::test_implausible_receiver_pulse_counts_as_missing"
         ),
     ),
     Finding(
@@ -115,7 +115,7 @@ FINDINGS = [
         "two vehicles; the flight ends",
         partial(
             run_tests,
-            "flight/station/test_time_sync.py::test_a_question_that_came_twice_is_answered_by_one_clock",
+            "flight/station/test_time_sync.py::test_duplicated_request_is_not_a_second_clock",
             "flight/station/test_time_sync.py::test_answers_of_two_clocks_are_counted",
         ),
     ),
@@ -130,14 +130,14 @@ FINDINGS = [
         "PARAM_SET of the integer 3 to a mass",
         "4.2e-45 kg",
         partial(
-            run_tests, "flight/station/test_standard_services.py::test_a_real_parameter_in_another_type_is_refused"
+            run_tests, "flight/station/test_standard_services.py::test_rejects_real_parameter_sent_as_another_type"
         ),
     ),
     Finding(
         "L11",
         "LOG_REQUEST_DATA without a list before",
         "the log is empty",
-        partial(run_tests, "flight/station/test_log_download.py::test_bytes_come_without_a_list_before"),
+        partial(run_tests, "flight/station/test_log_download.py::test_log_can_be_requested_without_listing_first"),
     ),
     Finding(
         "L12",
@@ -145,7 +145,7 @@ FINDINGS = [
         "broken in two",
         partial(
             run_tests,
-            "flight/station/test_streams.py::test_a_letter_of_several_bytes_is_not_divided_between_two_messages",
+            "flight/station/test_streams.py::test_multibyte_character_is_not_split_between_messages",
         ),
     ),
     Finding(

@@ -42,7 +42,7 @@ FINDINGS = [
         "V1",
         "outputs' process stopped by SIGSTOP in flight",
         "nobody notices, thrust and lift stay on",
-        held_by("test_autopilot.py::test_a_vehicle_whose_outputs_are_frozen_ends_within_100_ms_and_says_so"),
+        held_by("test_autopilot.py::test_vehicle_ends_within_100_ms_of_frozen_outputs"),
     ),
     Finding(
         "V2",
@@ -54,19 +54,19 @@ FINDINGS = [
         "V3",
         "Ctrl-S in the vehicle's terminal, and one line to print",
         "lift stays on",
-        held_by("test_outputs.py::test_a_paused_terminal_does_not_hold_up_the_outputs"),
+        held_by("test_outputs.py::test_blocked_terminal_does_not_delay_the_outputs"),
     ),
     Finding(
         "V4",
         "outputs' process killed by SIGKILL",
         "the row stays driven for ever",
-        held_by("test_output_port.py::test_a_dead_writer_is_safe_after_100_ms_and_the_lift_stops_after_its_delay"),
+        held_by("test_output_port.py::test_dead_writer_gives_safe_outputs_then_stops_lift"),
     ),
     Finding(
         "V5",
         "request to arm every 2 ms from the start",
         "armed after 4 ms without a check",
-        held_by("test_prearm.py::test_before_the_checks_have_run_nothing_may_be_armed"),
+        held_by("test_prearm.py::test_arming_is_refused_before_checks_have_run"),
     ),
     Finding("V6", "folder of the log removed in flight", "traceback of shutil.disk_usage", removed_folder),
     Finding(
@@ -79,15 +79,13 @@ FINDINGS = [
         "V8",
         "twelve mute TCP clients",
         "the autopilot never gets the line",
-        held_by(
-            "transports/test_accepting_dialer.py::test_twelve_mute_callers_do_not_keep_the_line_from_one_who_speaks"
-        ),
+        held_by("transports/test_accepting_dialer.py::test_mute_callers_do_not_block_a_sending_caller"),
     ),
     Finding(
         "V9",
         "second program as 1/191 with the session that it read on the line",
         "69 of 74 commands obeyed",
-        held_by("mavlink/test_authority.py::test_a_session_that_was_read_on_the_line_is_of_no_use_on_another_stream"),
+        held_by("mavlink/test_authority.py::test_copied_session_is_rejected_on_another_stream"),
     ),
     Finding(
         "V10",
@@ -95,7 +93,7 @@ FINDINGS = [
         "no row for 1.66 s",
         held_by(
             "station/test_file_transfer.py::test_a_listing_on_a_disk_that_hangs_is_answered_at_once",
-            "station/test_file_transfer.py::test_logs_are_not_read_while_it_flies_documents_are",
+            "station/test_file_transfer.py::test_in_flight_documents_are_read_but_not_logs",
         ),
     ),
     Finding(
@@ -103,8 +101,8 @@ FINDINGS = [
         "PARAM_SET of 1e6 and 1e30",
         "accepted while armed",
         held_by(
-            "station/test_parameters.py::test_what_was_declared_holds",
-            "station/test_parameters.py::test_what_has_no_bound_stays_near_its_value_at_the_start",
+            "station/test_parameters.py::test_values_beyond_declared_bounds_are_rejected",
+            "station/test_parameters.py::test_unbounded_parameters_stay_near_their_start_value",
         ),
     ),
     Finding(
@@ -138,27 +136,25 @@ FINDINGS = [
         "V16",
         "streams of very many senders with the key",
         "368 MB, never freed",
-        held_by(
-            "mavlink/test_stamps.py::test_many_senders_with_the_key_do_not_fill_the_memory_and_nothing_is_replayed"
-        ),
+        held_by("mavlink/test_stamps.py::test_many_streams_are_bounded_without_allowing_replays"),
     ),
     Finding(
         "V17",
         "a ground station arms, system 7 sends the first command",
         "system 7 owns the vehicle",
-        held_by("mavlink/test_authority.py::test_another_system_does_not_inherit_what_a_ground_station_has_armed"),
+        held_by("mavlink/test_authority.py::test_other_system_cannot_command_vehicle_armed_by_station"),
     ),
     Finding(
         "V18",
         "station sets the mass to 4.5 kg while the checks run",
         "armed and flown",
-        held_by("test_preflight.py::test_a_station_that_changes_a_setting_while_the_checks_run_prevents_the_flight"),
+        held_by("test_preflight.py::test_setting_changed_during_checks_prevents_arming"),
     ),
     Finding(
         "V19",
         "datagrams full of 0xFD",
         "each byte starts a frame, the loop is 1.8 s late",
-        held_by("mavlink/test_endpoint.py::test_a_packet_full_of_false_starts_costs_no_more_than_a_few"),
+        held_by("mavlink/test_endpoint.py::test_number_of_tried_false_frame_starts_is_bounded"),
     ),
     Finding(
         "V20",
@@ -174,7 +170,7 @@ FINDINGS = [
             run_tests,
             "logs/test_stream.py::test_a_stopped_writer_delays_the_end_by_its_limit",
             "logs/test_stream.py::test_a_log_that_was_deleted_says_so",
-            "flight/mavlink/test_endpoint.py::test_stamps_that_cannot_be_stored_are_a_problem_to_report",
+            "flight/mavlink/test_endpoint.py::test_unstorable_stamps_are_reported_as_a_problem",
             "flight/mavlink/test_stamps.py::test_restarts_do_not_add_up_to_a_large_lead",
         ),
     ),
@@ -182,6 +178,6 @@ FINDINGS = [
         "V22",
         "autopilot that restarts",
         "95 % of the frames lost",
-        held_by("mavlink/test_losses.py::test_a_program_that_restarts_has_lost_nothing"),
+        held_by("mavlink/test_losses.py::test_sender_restart_is_not_counted_as_loss"),
     ),
 ]

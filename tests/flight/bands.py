@@ -1,4 +1,4 @@
-"""Where the numbers of a live flight have to be: bands made from simulated flights over many seeds."""
+"""Accepted bands of a live flight's metrics, from simulated flights over many seeds."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,14 +25,14 @@ busy, or one that tests something else beside); such a flight is made again, up 
 
 
 class Band(NamedTuple):
-    """Where a number of a flight has to be."""
+    """Accepted range of one metric of a flight."""
 
     low: float
     high: float
 
 
 class Links(NamedTuple):
-    """Channels that a simulated flight has in a line's place."""
+    """Channel models that replace the link in a simulated flight."""
 
     downlink: Any
     uplink: Any
@@ -45,7 +45,7 @@ def merits(log, targets):
 
 
 def simulated(scenario, targets, links, seeds):
-    """The same of each of many flights over these links."""
+    """(signal, metric) -> array of its values in many simulated flights over these links."""
     delayed = replace(scenario, world=replace(scenario.world, **links._asdict()))
     batch = simulate_batch(delayed, seeds=seeds, signals=tuple(t.path for t in targets), log=True)
     t = to_seconds(batch.ticks)
@@ -57,7 +57,7 @@ def simulated(scenario, targets, links, seeds):
 
 
 def bands(scenario, targets, links, seeds):
-    """The band of each number, from the quickest and the slowest links; one that not every flight has is left out."""
+    """Band of each metric, from the fastest and the slowest links. Metrics missing in some flight are left out."""
     quick, slow = (simulated(scenario, targets, one, seeds) for one in links)
     found = {}
     for what in quick:
@@ -71,7 +71,7 @@ def bands(scenario, targets, links, seeds):
 
 
 def compared(flight, targets, wanted):
-    """Print each number beside its band; those that are outside."""
+    """Print each metric beside its band. Return the metrics outside their bands."""
     found = merits(flight, targets)
     for target in targets:
         assert found[target.path, "first_reach_s"] is not None, target
@@ -82,7 +82,7 @@ def compared(flight, targets, wanted):
 
 
 def released(log):
-    """A vehicle's log from its release on, its time counted from there."""
+    """Return the part of a vehicle's log after its release, with time zero at the release."""
     after = ~log["firmware.held"].astype(bool)
     ticks = log.ticks[after] - log.ticks[after][0]
     signals = {p: log[p][after] for p in log.paths if p.startswith("truth.")}
@@ -90,6 +90,6 @@ def released(log):
 
 
 def kept_waiting(folder: Path) -> float:
-    """The longest (s) that either process was due and not run, by what both logs say."""
+    """Longest wakeup delay (s) of either process, according to both logs."""
     there, here = read_mcap(folder / "there" / "vehicle.mcap"), read_mcap(folder / "here" / "flight.mcap")
     return float(max(there["firmware.late"].max(), here["loop.late"].max()))

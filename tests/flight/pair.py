@@ -20,7 +20,7 @@ DISARMED_S = 10
 
 
 class Ended(NamedTuple):
-    """Exit status, what it printed as JSON, and what it said to people."""
+    """Exit status, JSON result, and messages to the user."""
 
     status: int
     result: dict | None
@@ -28,9 +28,9 @@ class Ended(NamedTuple):
 
 
 class Program:
-    """`trimtab …` as a process of its own, with keys in a folder, and with what it says to people in a file there.
+    """`trimtab …` as a process, with its keys and its messages to the user in a folder.
 
-    inside: words before the command, e.g. nsenter's.
+    inside: command prefix, e.g. nsenter.
     """
 
     def __init__(self, *arguments, folder, inside=()):
@@ -47,25 +47,25 @@ class Program:
             self.process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=said, text=True)
 
     def wait_for(self, *words):
-        """Until it has said one of these, or has ended."""
+        """Wait until the process has printed one of these words or has ended."""
         end = time.monotonic() + BUILD_S
         while self.process.poll() is None and not any(word in self._said.read_text() for word in words):
             assert time.monotonic() < end, self._said.read_text()
             time.sleep(0.05)
 
     def said(self):
-        """What it has said to people so far."""
+        """Messages to the user so far."""
         return self._said.read_text()
 
     def terminate_after(self, patience):
-        """Ask it to end, unless it does by itself within so many seconds."""
+        """Terminate the process unless it ends within `patience` seconds."""
         try:
             self.process.wait(patience)
         except subprocess.TimeoutExpired:
             self.process.terminate()
 
     def finished(self):
-        """Its end; killed where that doesn't come."""
+        """Wait for the end of the process and return its result. Kill it after a timeout."""
         try:
             out, _ = self.process.communicate(timeout=BUILD_S)
         except subprocess.TimeoutExpired:
@@ -85,9 +85,9 @@ def make_key(folder, vehicle="hovercraft"):
 
 
 def fly_pair(folder, scenario, listen, link, *both, vehicle=(), pilot=(), inside=((), ())):
-    """Both ends to their end, the vehicle's and the autopilot's. inside: see `Program`, for each of the two.
+    """Run vehicle and autopilot until both have ended. inside: see `Program`, one for each of the two.
 
-    The autopilot is started when the vehicle is ready: it waits ten seconds for one that answers, and no longer.
+    The autopilot starts when the vehicle is ready, because it waits only ten seconds for an answer.
     """
     if "--unsigned" not in both:
         from trimtab.commands.line import vehicle_name

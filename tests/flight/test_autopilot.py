@@ -30,11 +30,11 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def flown(scenario):
-    """One flight that every test below looks at. What comes in the pause before it is thrown away."""
+    """One flight, used by the tests below. Samples received in the pause before the flight are discarded."""
     return fly_pair(scenario, pause=0.3, duration=LENGTH)
 
 
-def test_it_was_armed_flew_its_time_and_was_disarmed(flown):
+def test_flight_arms_flies_its_duration_and_disarms(flown):
     assert flown.flight.arming_time is not None
     assert flown.flight.t - flown.flight.arming_time >= LENGTH
     assert flown.served.release_time is not None
@@ -47,13 +47,13 @@ def test_it_was_armed_flew_its_time_and_was_disarmed(flown):
     assert any("computer: arm request" in line for line in flown.said)
 
 
-def test_what_came_before_the_flight_and_was_thrown_away_is_no_loss(flown):
+def test_samples_discarded_before_flight_are_not_counted_lost(flown):
     assert flown.flight.log.whole
     assert not flown.log["link.lost"][:100].any()
 
 
-def test_the_vehicle_is_held_until_then_and_moves_after(flown):
-    """The scenario stops a craft that slides and spins."""
+def test_vehicle_is_held_until_armed_then_moves(flown):
+    """In the scenario a sliding and spinning craft is brought to rest."""
     truth, held = flown.truth, flown.truth["firmware.held"].astype(bool)
     speed, yaw = np.hypot(truth["truth.surge_velocity"], truth["truth.sway_velocity"]), truth["truth.yaw_rate"]
     assert held.any()
@@ -74,8 +74,8 @@ def test_every_step_is_in_the_log(flown):
     assert flown.log["link.samples"][-1] <= flown.pair.flyer.autopilot_end.counts.received
 
 
-def test_samples_are_measured_when_the_vehicle_says_on_the_autopilots_clock(flown):
-    """Times of samples rise and are those of the vehicle's log, less one offset, to a fraction of a millisecond.
+def test_sample_times_match_vehicle_log_less_clock_offset(flown):
+    """Sample times increase and equal those of the vehicle's log, less one offset, within a fraction of a millisecond.
 
     Each sample's value, measured at a time by the vehicle's clock, is found in the vehicle's own log.
     """
@@ -97,7 +97,7 @@ def test_samples_are_measured_when_the_vehicle_says_on_the_autopilots_clock(flow
     np.testing.assert_allclose(age, (log.ticks - log["downlink.navigation.t"]) * 1e-7, atol=1e-12)
 
 
-def test_the_same_frames_give_the_same_commands_to_the_bit(flown):
+def test_replayed_frames_give_bit_identical_commands(flown):
     found = replay(flown.log, flown.scenario, backend="c")
     assert (found.exact, found.strict, found.equal, found.first) == (True, True, True, None)
     assert len(found.replayed_log) == len(flown.log)
@@ -115,7 +115,7 @@ def test_commands_reach_the_actuators_as_they_were_sent(flown):
     assert {tuple(v) for v in obeyed.tolist()} <= sent
 
 
-def test_a_quiet_network_keeps_every_deadline(flown):
+def test_every_deadline_is_met_on_a_quiet_network(flown):
     kept = flown.flight.deadlines
     assert (kept.own, kept.scheduler, flown.flight.skipped) == (0, 0, 0)
     assert kept.late.longest == 0
@@ -123,19 +123,19 @@ def test_a_quiet_network_keeps_every_deadline(flown):
     assert flown.pair.outputs_said[0].endswith("safe, 0.0 ms after the last row: the vehicle has ended")
 
 
-def test_commands_leave_once_in_a_servo_frame(flown):
+def test_commands_are_sent_once_per_servo_frame(flown):
     sent = np.diff(flown.truth.t[flown.truth["firmware.command.fresh"].astype(bool)])
     assert sent.min() > 0.9e-7 * SERVO_FRAME
     assert sent.max() < 1.1e-7 * SERVO_FRAME
 
 
-def test_one_seed_gives_one_hash_and_another_seed_another(scenario, flown):
+def test_same_seed_gives_same_hash_and_others_differ(scenario, flown):
     assert fly_pair(scenario, pause=0.3, duration=LENGTH).digest == flown.digest
     assert fly_pair(scenario, 2, pause=0.3, duration=LENGTH).digest != flown.digest
 
 
 @pytest.mark.parametrize("overrun", ["halt", "count"])
-def test_a_late_period_halts_the_flight_or_is_counted(scenario, overrun):
+def test_overrun_halts_the_flight_or_is_counted(scenario, overrun):
     def work(pair):
         pair.time.keep_busy(pair.flying, 0.2)
 
@@ -149,14 +149,14 @@ def test_a_late_period_halts_the_flight_or_is_counted(scenario, overrun):
     assert one.pair.vehicle.duties.mode.mode == "disarmed"
 
 
-def test_a_process_that_got_no_processor_is_not_blamed(scenario):
+def test_scheduler_stall_is_not_counted_as_own_overrun(scenario):
     one = fly_pair(scenario, act=lambda pair: pair.here.freeze(0.2), duration=LENGTH)
     assert one.flight.deadlines.own == 0
     assert one.flight.deadlines.scheduler > 150
     assert one.flight.deadlines.late.longest == pytest.approx(0.2e9, rel=0.01)
 
 
-def test_an_autopilot_that_stood_still_goes_on_from_now(scenario):
+def test_autopilot_skips_missed_periods_after_a_stall(scenario):
     one = fly_pair(scenario, act=lambda pair: pair.here.freeze(1.0), duration=seconds(3))
     assert one.flight.skipped == pytest.approx(1000, abs=2)
     assert any(text.startswith(("this end stalled for 0.99", "this end stalled for 1.0")) for text in events(one.log))
@@ -166,8 +166,8 @@ def test_an_autopilot_that_stood_still_goes_on_from_now(scenario):
     assert t - last == pytest.approx(0.25, abs=0.0015)
 
 
-def test_a_flood_does_not_delay_a_period(scenario):
-    """Sixty packets a millisecond, none of them signed, are refused; samples and commands go on."""
+def test_flood_of_unsigned_packets_delays_no_period(scenario):
+    """Sixty unsigned packets per millisecond are refused. Samples and commands continue."""
 
     def pour(pair):
         def flood(machine):
@@ -185,7 +185,7 @@ def test_a_flood_does_not_delay_a_period(scenario):
     assert one.served.lateness.longest == 0
 
 
-def test_a_lost_command_is_counted_and_flown_on(scenario):
+def test_lost_commands_are_counted_without_failsafe(scenario):
     def drop(pair):
         pair.network.path("autopilot", "vehicle").cut_until = pair.time.now + 50_000_000
 
@@ -216,13 +216,13 @@ def test_outputs_go_safe_50_ms_after_the_last_row(scenario, kind):
     assert pair.outputs_said[-1].endswith(("at rest; the vehicle's process is gone", "at rest; the vehicle has ended"))
 
 
-def test_a_vehicle_whose_outputs_died_ends_and_says_so(scenario):
+def test_vehicle_ends_and_reports_dead_outputs_process(scenario):
     one = fly_pair(scenario, act=lambda pair: pair.time.kill(pair.there.outputs[-1]), duration=seconds(3))
     assert "the outputs' process died" in one.served.problems
     assert "ended: the outputs' process died" in events(one.truth)
 
 
-def test_a_vehicle_whose_outputs_are_frozen_ends_within_100_ms_and_says_so(scenario):
+def test_vehicle_ends_within_100_ms_of_frozen_outputs(scenario):
     one = fly_pair(scenario, act=lambda pair: pair.time.freeze(pair.there.outputs[-1], 2.0), duration=seconds(3))
     assert "the outputs' process is frozen" in one.served.problems
     times = {event["text"]: event["t"] for event in one.truth.metadata["events"]}
@@ -231,7 +231,7 @@ def test_a_vehicle_whose_outputs_are_frozen_ends_within_100_ms_and_says_so(scena
     assert "at rest; the vehicle has ended" in one.pair.outputs_said[-1]
 
 
-def test_a_wall_clock_that_is_an_hour_ahead_is_refused_with_the_difference(scenario):
+def test_rejects_clock_an_hour_ahead_and_names_difference(scenario):
     pair = VirtualPair(scenario)
     pair.start_vehicle()
     pair.there.step_clock(3600.0)
@@ -240,8 +240,8 @@ def test_a_wall_clock_that_is_an_hour_ahead_is_refused_with_the_difference(scena
         pair.run()
 
 
-def test_interrupted_before_it_was_armed_it_disarms_nobody(scenario):
-    """Somebody else may be flying the vehicle."""
+def test_autopilot_interrupted_before_arming_sends_no_disarm(scenario):
+    """Another pilot may be flying the vehicle."""
 
     def fly(flyer, machine):
         flyer.link.send(flyer.endpoint.pack("COMMAND_LONG", {"command": 400, "param1": 1.0}))
@@ -260,7 +260,7 @@ def test_interrupted_before_it_was_armed_it_disarms_nobody(scenario):
     assert mode == ("computer", "arm request")
 
 
-def test_where_nobody_answers_it_says_what_to_type(scenario):
+def test_connect_without_vehicle_suggests_the_vehicle_command(scenario):
     def run(machine):
         flyer = pair.make_autopilot(machine)
         with pytest.raises(InputError, match="no vehicle answers") as refused:
@@ -275,8 +275,8 @@ def test_where_nobody_answers_it_says_what_to_type(scenario):
     pair.run()
 
 
-def test_where_frames_come_it_waits_three_times_as_long_for_the_clock(scenario):
-    """Heartbeats and nothing else: the clock is never known, and the answer names it."""
+def test_connect_waits_three_times_longer_if_heartbeats_arrive(scenario):
+    """With heartbeats alone the clock stays unknown, and the error names the clock."""
 
     def beat(machine):
         link = machine.open_link(LISTEN, listen=True)
@@ -298,7 +298,7 @@ def test_where_frames_come_it_waits_three_times_as_long_for_the_clock(scenario):
     pair.run()
 
 
-def test_a_vehicle_with_other_sensors_is_refused_before_it_is_armed(scenario):
+def test_rejects_vehicle_with_different_sensors_before_arming(scenario):
     def run(machine):
         _, other = dialect({"compass": every()}, every())
         flyer, theirs = pair.make_autopilot(machine), pair.endpoint(machine, other, 1)
@@ -315,7 +315,7 @@ def test_a_vehicle_with_other_sensors_is_refused_before_it_is_armed(scenario):
     pair.run()
 
 
-def test_a_vehicle_of_another_mass_is_refused_by_path_and_flown_where_that_is_meant(scenario):
+def test_rejects_vehicle_of_different_mass_unless_accepted(scenario):
     def run(machine):
         flyer = pair.make_autopilot(machine)
         with pytest.raises(
@@ -337,8 +337,8 @@ def test_a_vehicle_of_another_mass_is_refused_by_path_and_flown_where_that_is_me
 
 @pytest.mark.thorough
 @pytest.mark.timeout(3600)
-def test_a_hundred_seeds_give_the_same_hash_on_a_disturbed_machine(scenario):
-    """Random sleeps at one hand-over in a thousand, and a busy loop beside the second flight of each seed."""
+def test_hash_of_each_seed_is_unaffected_by_load(scenario):
+    """The second flight of each seed runs with a busy loop and random sleeps at one hand-over in a thousand."""
     draw, digests = random.Random(), set()
     for seed in range(100):
         quiet = fly_pair(scenario, seed, duration=seconds("0.5")).digest

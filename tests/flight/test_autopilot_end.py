@@ -1,4 +1,4 @@
-"""Samples wait for steps: one a step, each once, none for ever. The step only remembers what it was given."""
+"""Queue of received samples: one sample per step, each once, with limited delay. A fake step records its inputs."""
 
 from types import SimpleNamespace
 
@@ -21,7 +21,7 @@ MS = 10_000
 
 
 class Line:
-    """A vehicle that sends samples, and a pilot that hears them."""
+    """A vehicle that sends samples, and an autopilot end that receives them."""
 
     def __init__(self, any_order=(), period=MS, clock=None):
         self.step = Step(FRAME, Command(t=np.int64(0), valid=False, value=every()))
@@ -43,7 +43,7 @@ class Line:
         return [tuple(s[f"samples.{sensor}.{n}"] for n in names) for s in self.step.seen]
 
 
-def test_of_a_burst_each_sample_gets_a_step_of_its_own_in_order():
+def test_burst_is_delivered_one_sample_per_step_in_order():
     line = Line()
     for k in range(3):
         line.send("compass", k * MS, float(k + 1))
@@ -57,15 +57,15 @@ def test_of_a_burst_each_sample_gets_a_step_of_its_own_in_order():
     assert [s["t"] for s in line.step.seen] == [(10 + k) * MS for k in range(5)]
 
 
-def test_a_sample_that_comes_twice_counts_once():
+def test_duplicate_sample_is_counted_once():
     line = Line()
     for _ in range(2):
         line.send("compass", 5 * MS, 1.0)
     assert (line.pilot.counts.received, line.pilot.queue_length) == (1, 1)
 
 
-def test_one_that_was_overtaken_is_for_estimators_that_fuse_it_at_its_own_time():
-    """One that is older by more than half a second is for nobody."""
+def test_overtaken_samples_reach_only_out_of_order_estimators():
+    """A sample that is older by more than half a second is dropped."""
     line = Line(any_order=("inertial-unit",))
     for sensor in ("compass", "inertial-unit"):
         for k in (600, 602, 601, 603, 50, 604):
@@ -77,7 +77,7 @@ def test_one_that_was_overtaken_is_for_estimators_that_fuse_it_at_its_own_time()
     assert line.pilot.counts.overtaken == 4
 
 
-def test_old_samples_between_new_ones_are_overtaken_however_many_and_those_alone_are_of_another_clock():
+def test_only_consecutive_old_samples_indicate_another_clock():
     line = Line()
     for k in range(50):
         line.send("compass", (1000 + 6 * k) * MS, 0.0)
@@ -88,7 +88,7 @@ def test_old_samples_between_new_ones_are_overtaken_however_many_and_those_alone
     assert (line.pilot.counts.received, line.pilot.counts.overtaken) == (56, 56)
 
 
-def test_too_many_drop_the_oldest_and_are_counted():
+def test_full_queue_drops_and_counts_oldest_samples():
     line = Line()
     for k in range(LONGEST_QUEUE + 3):
         line.send("compass", (k + 1) * MS, float(k))
@@ -97,8 +97,8 @@ def test_too_many_drop_the_oldest_and_are_counted():
     assert line.seen("compass", "value.real") == [(3.0,)]
 
 
-def test_a_sensor_as_quick_as_the_steps_gets_rid_of_what_stood_in_the_queue():
-    """A burst of five, then one sample a step: without help all would be five steps late until the end."""
+def test_backlog_is_dropped_when_sample_rate_equals_step_rate():
+    """A burst of five, then one sample per step. Without dropping, all samples would stay five steps late."""
     steps = LONGEST_BACKLOG // MS
     line = Line()
     for k in range(5):
@@ -112,8 +112,8 @@ def test_a_sensor_as_quick_as_the_steps_gets_rid_of_what_stood_in_the_queue():
     assert line.pilot.counts.dropped == 5
 
 
-def test_a_slow_loop_gives_up_a_backlog_as_soon():
-    """Twenty steps a second: the age that a start left would else last for a quarter of a minute."""
+def test_slow_loop_drops_its_backlog_within_few_steps():
+    """At twenty steps a second the initial backlog would otherwise last for a quarter of a minute."""
     slow, line = 50 * MS, Line(period=50 * MS)
     for k in range(6):
         line.send("compass", k * slow, 0.0)
@@ -126,7 +126,7 @@ def test_a_slow_loop_gives_up_a_backlog_as_soon():
     assert line.pilot.counts.dropped == 6
 
 
-def test_the_vehicles_time_becomes_this_ends_also_while_the_offset_turns():
+def test_sample_times_are_converted_while_clock_offset_changes():
     offset = 7_000_000
     clock = SimpleNamespace(accepts=lambda t: True, to_local=lambda t: t - offset)
     line = Line(clock=clock)
@@ -140,7 +140,7 @@ def test_the_vehicles_time_becomes_this_ends_also_while_the_offset_turns():
 
 
 @pytest.mark.parametrize("wrong", [-2 * MS, 490 * MS, 36_000_000_000, 2**62])
-def test_a_sample_that_is_not_believed_costs_one_sample(wrong):
+def test_implausible_sample_time_loses_only_that_sample(wrong):
     line = Line(clock=SimpleNamespace(accepts=lambda t: t in (3 * MS, 6 * MS), to_local=lambda t: t))
     line.send("compass", 3 * MS, 1.0)
     line.pilot.fly_period(4 * MS)
@@ -152,7 +152,7 @@ def test_a_sample_that_is_not_believed_costs_one_sample(wrong):
     assert (line.pilot.counts.implausible, line.pilot.counts.overtaken) == (1, 0)
 
 
-def test_what_came_before_the_flight_is_forgotten():
+def test_samples_before_the_flight_are_dropped():
     line = Line()
     line.send("compass", MS, 1.0)
     line.pilot.drop_samples()
@@ -174,13 +174,13 @@ def test_commands_carry_the_vehicles_time():
     assert (message.get("t"), message.get("valid"), message.get("real")) == (5 * MS + 111, 1, 2.5)
 
 
-def test_frames_have_the_paths_of_a_simulations_log():
+def test_frame_paths_match_those_of_a_simulation_log():
     assert frame_log_path("samples.inertial-unit.t") == "downlink.inertial-unit.t"
     assert frame_log_path("t") is None
 
 
-def test_of_a_sensor_whose_time_runs_backwards_nothing_is_taken_and_it_is_counted_as_that():
-    """They had been counted as overtaken, and each half second one was taken."""
+def test_sensor_with_backward_time_stamps_is_rejected_and_counted():
+    """Regression: the samples were counted as overtaken, and one was accepted each half second."""
     line = Line()
     for k in range(200):
         line.send("compass", (1000 - 10 * k) * MS, 1.0)
@@ -191,7 +191,7 @@ def test_of_a_sensor_whose_time_runs_backwards_nothing_is_taken_and_it_is_counte
     assert (line.pilot.backward_sensors, line.pilot.counts.received) == ([], 2)
 
 
-def test_a_few_that_overtook_one_another_are_no_clock_that_runs_backwards():
+def test_few_reordered_samples_are_not_a_backward_clock():
     line = Line()
     for t in (10, *range(10 - 1, 10 - MOST_FALLS, -1), 11):
         line.send("compass", t * MS, 1.0)
@@ -201,7 +201,7 @@ def test_a_few_that_overtook_one_another_are_no_clock_that_runs_backwards():
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_the_pose_of_an_estimate_in_space_is_its_place_and_its_angles():
+def test_pose_of_3d_estimate_holds_position_and_euler_angles():
     scenario = build("quadrotor/track")
     end = AutopilotEnd(scenario, scenario_dialect(scenario), compile_autopilot(scenario))
     w, x, y, z = np.sin([0.3, 0.5, 0.7, 1.1])

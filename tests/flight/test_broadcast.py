@@ -1,4 +1,4 @@
-"""Samples go to the autopilot alone, and neither it nor a ground station sees a gap in the numbers."""
+"""Samples go to the autopilot only. Neither the autopilot nor a ground station sees gaps in sequence numbers."""
 
 import pytest
 from flight.transports.virtual_line import open_virtual_line
@@ -52,7 +52,7 @@ def line(dialect):
         end.close()
 
 
-def test_samples_are_the_autopilots_and_all_have_the_rest_without_a_gap(line):
+def test_only_autopilot_gets_samples_and_peers_see_no_gaps(line):
     broadcast, endpoint, take, (autopilot, *stations) = line
     for peer in (autopilot, *stations):
         peer.say()
@@ -69,7 +69,7 @@ def test_samples_are_the_autopilots_and_all_have_the_rest_without_a_gap(line):
     assert endpoint.counts.sent == 1200  # numbered anew is not sent anew
 
 
-def test_a_lost_sample_is_counted_by_the_autopilot_alone(line):
+def test_lost_sample_is_counted_only_by_the_autopilot(line):
     broadcast, endpoint, take, (autopilot, station, _) = line
     for peer in (autopilot, station):
         peer.say()
@@ -82,7 +82,7 @@ def test_a_lost_sample_is_counted_by_the_autopilot_alone(line):
     assert (autopilot.endpoint.counts.lost, station.endpoint.counts.lost) == (4, 0)
 
 
-def test_without_an_autopilot_nobody_gets_samples(line):
+def test_no_samples_are_sent_without_an_autopilot(line):
     broadcast, endpoint, take, (autopilot, station, _) = line
     station.say()
     take()
@@ -99,7 +99,7 @@ def test_without_an_autopilot_nobody_gets_samples(line):
     assert autopilot.hear() == ["SAMPLE_EVERY"]
 
 
-def test_nothing_is_sent_to_who_was_not_accepted(line):
+def test_unaccepted_peers_receive_no_packets(line):
     broadcast, endpoint, take, (_, station, _) = line
     station.link.send(b"\xfd garbage")
     take()
@@ -107,7 +107,7 @@ def test_nothing_is_sent_to_who_was_not_accepted(line):
     assert station.hear() == []
 
 
-def test_a_line_with_one_peer_has_one_numbering(dialect):
+def test_single_peer_link_uses_one_sequence_numbering(dialect):
     ends = open_link("loopback://trimtab-broadcast", listen=True), open_link("loopback://trimtab-broadcast")
     vehicle, peer = Endpoint(dialect, 1, 1, KEY), Endpoint(dialect, 1, 191, KEY)
     broadcast = Broadcast(vehicle, ends[0], ("COMMAND",))

@@ -1,4 +1,4 @@
-"""A vehicle's answer to wrong clocks and wrong keys, on a virtual network: who is behind catches up, or is told."""
+"""A vehicle's answers to wrong clocks and wrong keys, on a virtual network."""
 
 import pytest
 from flight.mavlink.line import every
@@ -16,7 +16,7 @@ OTHER_KEY = passphrase_key("another-passphrase-than-that")
 
 
 def seconds_of(text, form):
-    """The number that stands where the form has {}."""
+    """Number in the text at the place of {} in the form."""
     before, after = form.split("{}")
     assert text.startswith(before)
     number, space, rest = text.removeprefix(before).partition(" ")
@@ -25,7 +25,7 @@ def seconds_of(text, form):
 
 
 class Line:
-    """A vehicle that refuses, and an autopilot whose clock or key may be another, on one UDP port."""
+    """A vehicle and an autopilot that may have another clock or key, on one UDP port."""
 
     def __init__(self, difference=0.0, key=KEY):
         line = open_virtual_line()
@@ -37,12 +37,12 @@ class Line:
         self.start_pilot(Endpoint(DIALECT, 1, 191, key, clock=lambda: self.unix() + difference))
 
     def start_pilot(self, endpoint, options=""):
-        """Start the autopilot, or start it again with another end. options: more words that were typed."""
+        """Start the autopilot, or restart it with another endpoint. options: further command line options."""
         self.pilot, typed = endpoint, f"trimtab fly it --link there{options}"
         self.remote = RemoteVehicle(endpoint, self.here, typed=typed, tell=self.heard.append)
 
     def run(self, ms):
-        """Both ends for so many ms of the vehicle's and the autopilot's time."""
+        """Run both ends for a number of milliseconds. Return the messages the vehicle accepted."""
         accepted = []
         for _ in range(0, ms, 10):
             self.now += 100_000
@@ -75,8 +75,8 @@ def opened(request):
         line.close()
 
 
-def test_an_autopilot_that_is_half_a_minute_behind_catches_up_by_itself(opened):
-    """It had been refused for half a minute, longer than it waits."""
+def test_autopilot_clock_30_s_behind_catches_up(opened):
+    """Regression: the autopilot was refused for half a minute, longer than its timeout."""
     line = opened(-30.0)
     accepted = line.run(400)
     assert {m.name for m in accepted} == {"TIMESYNC"}
@@ -88,7 +88,7 @@ def test_an_autopilot_that_is_half_a_minute_behind_catches_up_by_itself(opened):
 
 
 @pytest.mark.parametrize(("difference", "which"), [(-120.0, "ahead of"), (120.0, "behind"), (DAY, "behind")])
-def test_clocks_that_differ_by_more_are_told_at_both_ends_and_one_step_flies_again(opened, difference, which):
+def test_larger_clock_difference_is_reported_and_follow_fixes_it(opened, difference, which):
     line = opened(difference)
     before = line.vehicle.stamps.last
     assert line.run(500) == []
@@ -108,7 +108,7 @@ def test_clocks_that_differ_by_more_are_told_at_both_ends_and_one_step_flies_aga
     assert line.pilot.counts.refusals == line.pilot.counts.stale + line.pilot.counts.leading
 
 
-def test_another_key_is_answered_so_that_it_is_known_for_what_it_is(opened):
+def test_wrong_key_is_diagnosed_at_both_ends(opened):
     line = opened(key=OTHER_KEY)
     assert line.run(500) == []
     problem = line.remote.find_problem("it")
@@ -118,7 +118,7 @@ def test_another_key_is_answered_so_that_it_is_known_for_what_it_is(opened):
     assert not line.there.peers  # it is told nothing else
 
 
-def test_an_end_without_a_key_is_told_that_it_needs_one(opened):
+def test_unsigned_autopilot_is_asked_for_a_key(opened):
     line = opened()
     line.start_pilot(Endpoint(DIALECT, 1, 191, unsigned=True, clock=line.unix), " --unsigned")
     assert line.run(500) == []
@@ -127,7 +127,7 @@ def test_an_end_without_a_key_is_told_that_it_needs_one(opened):
     assert problem.fix == "trimtab fly it --link there"
 
 
-def test_answers_and_reports_are_rare_however_many_ask(opened):
+def test_refusal_answers_and_reports_are_rate_limited(opened):
     line = opened(-120.0)
     for _ in range(200):
         line.vehicle.feed(line.pilot.pack("TIMESYNC", {"ts1": 5}))
@@ -142,8 +142,8 @@ def test_answers_and_reports_are_rare_however_many_ask(opened):
     assert len(line.said) == 2
 
 
-def test_only_an_answer_to_what_was_asked_counts_as_the_vehicles_clock(opened):
-    """Frames recorded yesterday and sent again must not say what the time is."""
+def test_replayed_time_answers_do_not_set_the_vehicle_clock(opened):
+    """Frames that were recorded yesterday and replayed must not set the clock."""
     line = opened()
     old = Endpoint(DIALECT, 1, 1, KEY, clock=lambda: line.unix() - DAY)
     line.remote.due(0)
@@ -156,7 +156,7 @@ def test_only_an_answer_to_what_was_asked_counts_as_the_vehicles_clock(opened):
     assert line.remote.clock.untimely is None
 
 
-def test_a_clock_that_was_wrong_once_is_reset_by_what_the_message_says(opened, tmp_path):
+def test_suggested_option_resets_a_stored_future_time_stamp(opened, tmp_path):
     key = passphrase_key("correct-horse-battery-staple", tmp_path / "a.key")
     line = opened()
     Endpoint(DIALECT, 1, 191, key, clock=lambda: line.unix() + DAY).close()
@@ -173,7 +173,7 @@ def test_a_clock_that_was_wrong_once_is_reset_by_what_the_message_says(opened, t
     line.pilot.close()
 
 
-def test_a_ground_station_without_the_key_is_told_nothing(opened):
+def test_ground_station_without_key_gets_no_answer(opened):
     line = opened()
     station = Endpoint(DIALECT, 255, 190, unsigned=True)
     for name in ("HEARTBEAT", "TIMESYNC"):

@@ -20,8 +20,8 @@ from trimtab.flight.clock_time import (
 )
 
 
-def test_the_fields_are_those_of_the_source_four_bytes_up_and_two_more_down():
-    """CLOCK_TIME is fixed, 4 up, +2 timer down; IMU 23; SERVO_CMD 4; one header byte and an id."""
+def test_clock_message_has_4_bytes_up_and_6_down():
+    """Sizes of the thesis: CLOCK_TIME 4 bytes up, 2 more down; IMU 23; SERVO_CMD 4; one header byte and an id."""
     key, packet = ClockTimeExchange(1, b"abcdefgh").request(123_456_789)
     assert packet == bytes.fromhex("a504") + struct.pack("<I", 123_456)
     assert key == 123_456
@@ -32,7 +32,7 @@ def test_the_fields_are_those_of_the_source_four_bytes_up_and_two_more_down():
 
 
 @pytest.mark.parametrize("t", [0, 2**32 * 1000 - 1, 2**32 * 1000 * 5 + 777, 10**17])
-def test_the_clock_may_wrap(t):
+def test_delay_is_correct_when_the_clock_wraps(t):
     codec = ClockTimeExchange(1)
     key, packet = codec.request(t)
     (reply,) = codec.read_replies(echo_request(*ClockMessageParser(UP).feed(packet), t + 50_000))
@@ -40,7 +40,7 @@ def test_the_clock_may_wrap(t):
     assert abs(reply.uplink - 50_000) <= 1000
 
 
-def test_a_delay_that_two_bytes_do_not_hold_is_no_reply():
+def test_delay_beyond_16_bit_range_gives_no_reply():
     codec = ClockTimeExchange(1)
     _, packet = codec.request(0)
     (message,) = ClockMessageParser(UP).feed(packet)
@@ -52,7 +52,7 @@ def test_a_delay_that_two_bytes_do_not_hold_is_no_reply():
     )
 
 
-def test_two_clocks_exchange_whole_times():
+def test_separate_clocks_exchange_full_time_stamps():
     codec = ClockTimeExchange(9, b"aaaaaaaa")
     (hello,) = ClockMessageParser(UP).feed(codec.pack_hello(2750))
     assert parse_hello(hello.data) == Hello(b"aaaaaaaa", 9, 2750)
@@ -70,7 +70,7 @@ def test_two_clocks_exchange_whole_times():
 
 
 @given(st.lists(st.binary(max_size=40)), st.integers(1, 9))
-def test_garbage_in_any_pieces_raises_nothing_and_good_messages_are_found_again(pieces, size):
+def test_parser_recovers_messages_after_garbage(pieces, size):
     parser = ClockMessageParser(DOWN)
     for piece in pieces:
         parser.feed(piece)

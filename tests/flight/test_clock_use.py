@@ -1,4 +1,4 @@
-"""Only named files read the time by themselves; all other live code is handed a clock."""
+"""Live code reads the time from the clock it is given. Only the files listed here may wait for sockets directly."""
 
 import ast
 from pathlib import Path
@@ -29,14 +29,14 @@ FILES = sorted(path for folder in FOLDERS for path in (SOURCE / folder).rglob("*
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(SOURCE)))
-def test_live_code_reads_the_time_by_its_clock_alone(path):
+def test_live_code_reads_time_only_from_its_clock(path):
     name, found = path.relative_to(SOURCE).as_posix(), imports(path)
     assert found & READERS == set(), f"{name} must be handed a Clock (core/clock.py)"
     if name not in WAITS_FOR_SOCKETS:
         assert found & POLLERS == set(), f"{name} must wait by its Clock"
 
 
-def test_the_named_files_are_there():
+def test_files_exempt_from_the_check_exist():
     assert all((SOURCE / name).is_file() for name in WAITS_FOR_SOCKETS)
 
 

@@ -1,4 +1,4 @@
-"""Two autopilots with the key, a vehicle's station and gate, message by message."""
+"""Authority of two autopilots with the key over one vehicle, message by message."""
 
 import pytest
 from flight.mavlink.line import every
@@ -25,7 +25,7 @@ class Autopilot:
 
 
 class Vehicle:
-    """Armed and disarmed at once by what its station asks; each packet goes to every autopilot."""
+    """A vehicle that arms and disarms at once on request. Each packet goes to every autopilot."""
 
     def __init__(self, *autopilots):
         self.end, self.link = Endpoint(DIALECT, 1, 1, unsigned=True), Link()
@@ -81,8 +81,8 @@ def join(vehicle):
     return autopilot
 
 
-def test_of_two_autopilots_with_the_key_one_is_obeyed_and_the_other_is_told(vehicle):
-    """Both had been: 101 commands a second, 95 jumps of the rudder."""
+def test_second_autopilot_with_key_is_refused_authority(vehicle):
+    """Regression: both were obeyed, with 101 commands a second and 95 jumps of the rudder."""
     first, second = join(vehicle), join(vehicle)
     for each in (first, second):
         each.remote.arming.arm()
@@ -103,7 +103,7 @@ def test_of_two_autopilots_with_the_key_one_is_obeyed_and_the_other_is_told(vehi
     ]
 
 
-def test_the_end_of_one_flight_disarms_nobody_elses_vehicle(vehicle):
+def test_autopilot_cannot_disarm_another_autopilots_vehicle(vehicle):
     first, second = join(vehicle), join(vehicle)
     first.remote.arming.arm()
     vehicle.run(ms(600))
@@ -120,7 +120,7 @@ def test_the_end_of_one_flight_disarms_nobody_elses_vehicle(vehicle):
     assert second.remote.arming.has_authority
 
 
-def test_a_ground_station_disarms_whatever_flies(vehicle):
+def test_ground_station_can_disarm_any_flight(vehicle):
     first = join(vehicle)
     first.remote.arming.arm()
     vehicle.run(ms(600))
@@ -129,7 +129,7 @@ def test_a_ground_station_disarms_whatever_flies(vehicle):
     assert not vehicle.armed
 
 
-def test_it_is_handed_over_where_that_is_asked_for_and_both_ends_know(vehicle):
+def test_takeover_transfers_authority_and_informs_both_autopilots(vehicle):
     first, second = join(vehicle), join(vehicle)
     first.remote.arming.arm()
     vehicle.run(ms(600))
@@ -143,8 +143,8 @@ def test_it_is_handed_over_where_that_is_asked_for_and_both_ends_know(vehicle):
     assert vehicle.obeyed == [second.end.session]
 
 
-def test_two_vehicles_on_one_line_are_told_apart():
-    """Both had been armed."""
+def test_two_vehicles_on_one_link_are_detected():
+    """Regression: both were armed."""
     one, other = Vehicle(), Vehicle()
     autopilot = Autopilot(one)
     other.autopilots.append(autopilot)
@@ -162,7 +162,7 @@ def test_two_vehicles_on_one_line_are_told_apart():
     assert "two vehicles answer on this link as 1/1" in autopilot.remote.find_problem("it").problem
 
 
-def test_an_order_to_arm_names_one_vehicle():
+def test_arm_request_arms_only_the_addressed_vehicle():
     one, other = Vehicle(), Vehicle()
     autopilot = join(one)
     autopilot.remote.arming.arm()
@@ -173,8 +173,8 @@ def test_an_order_to_arm_names_one_vehicle():
     assert (one.armed, other.armed) == (True, False)
 
 
-def test_a_command_of_a_clock_that_is_ahead_costs_itself_alone(vehicle):
-    """The failsafe takes none that is older than its last: 24 good ones had been refused, and it tripped."""
+def test_command_with_future_time_stamp_is_rejected_alone(vehicle):
+    """Regression: the failsafe refused 24 good commands older than the wrong one, and tripped."""
     first = join(vehicle)
     first.remote.arming.arm()
     vehicle.run(ms(600))
@@ -187,5 +187,5 @@ def test_a_command_of_a_clock_that_is_ahead_costs_itself_alone(vehicle):
     assert ms(490) > MOST_COMMAND_LEAD
 
 
-def test_keys_or_not_the_session_is_the_endpoints_own():
+def test_endpoints_with_same_key_have_different_sessions():
     assert Endpoint(DIALECT, 1, 191, KEY).session != Endpoint(DIALECT, 1, 191, KEY).session

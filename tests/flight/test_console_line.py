@@ -1,4 +1,4 @@
-"""Rows and messages through the socket of a console."""
+"""Rows and messages over the socket to a console."""
 
 import json
 import socket
@@ -43,7 +43,7 @@ def test_a_row_has_scalars_and_short_vectors_as_float32(ends):
     np.testing.assert_array_equal(np.frombuffer(packet, "<f4", offset=1 + HEAD.size), [0, 18, 19, 20, 0.5])
 
 
-def test_numbers_beyond_float32_are_infinite_and_not_a_number_stays(ends):
+def test_values_beyond_float32_become_infinite_and_nan_stays(ends):
     line, other = ends
     vector = np.zeros(21)
     vector[[0, 18]] = 1e300, np.nan
@@ -54,7 +54,7 @@ def test_numbers_beyond_float32_are_infinite_and_not_a_number_stays(ends):
     assert np.isnan(row[1])
 
 
-def test_messages_both_ways(ends):
+def test_messages_pass_in_both_directions(ends):
     line, other = ends
     line.send("event", text="über")
     assert json.loads(other.recv(4096)[1:]) == {"type": "event", "text": "über"}
@@ -67,7 +67,7 @@ def test_messages_both_ways(ends):
     assert line.receive() == []
 
 
-def test_a_console_that_is_stuck_or_gone_keeps_nobody_waiting(ends):
+def test_stuck_or_closed_console_does_not_block(ends):
     line, other = ends
     for _ in range(5000):
         line.send("event", text="x" * 200)

@@ -1,7 +1,7 @@
-"""Deadlines of an autopilot as a program of its own: a minute at 1 kHz, or as many as TRIMTAB_DEADLINE_MINUTES says.
+"""Deadlines of an autopilot in its own process: at 1 kHz for TRIMTAB_DEADLINE_MINUTES, by default one minute.
 
-The band: 99.9 % of the compiled steps take less than a tenth of the 1 ms period. A machine whose cores are all taken,
-by more programs than these two, misses it by what it takes away; there that band is not judged, and all else is.
+Limit: 99.9 % of the compiled steps take less than a tenth of the 1 ms period. On a machine whose cores are all busy
+with other programs, this limit is skipped, and all other limits hold.
 """
 
 import os
@@ -23,7 +23,7 @@ BUCKET = 1.033
 
 
 @pytest.mark.timeout(60 * MINUTES + 300)
-def test_deadlines_at_1_khz(tmp_path, monkeypatch):
+def test_deadlines_are_met_at_1_khz(tmp_path, monkeypatch):
     monkeypatch.setattr(pair, "BUILD_S", 60 * MINUTES + 200)
     line, length = f"udp://127.0.0.1:{free_port()}", ("--duration", f"{60 * MINUTES} s")
     there, here = pair.fly_pair(tmp_path, "hovercraft/zero-velocity", line, line, *length)

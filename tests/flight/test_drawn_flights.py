@@ -1,4 +1,4 @@
-"""Flights drawn at random, stalls in pairs, and the check of what the driver of the outputs applied."""
+"""Random fault flights, stalls in pairs, and the check of the values applied by the outputs' driver."""
 
 import random
 import re
@@ -27,7 +27,7 @@ KINDS_OF_FLIGHTS = {
 }
 
 
-def test_a_flight_is_drawn_the_same_again_and_each_kind_as_often():
+def test_drawn_flights_are_reproducible_and_balanced_over_kinds():
     drawn = [draw_flight(1, k) for k in range(220)]
     assert [f.does for f in drawn] == [read_name(f.name).does for f in drawn]
     assert len({f.does for f in drawn}) > 210
@@ -39,7 +39,7 @@ def test_a_flight_is_drawn_the_same_again_and_each_kind_as_often():
     assert {len(f.disturbances) for f in drawn} == {1, 2}
 
 
-def test_a_thousand_flights_have_five_hundred_stalls_and_every_pair():
+def test_1000_drawn_flights_contain_500_stalls_and_most_pairs():
     drawn = [draw_flight(1, k) for k in range(1000)]
     stalls = [f for f in drawn if f.is_pair or f.kind in CAUSES or f.kind in UNSEEN]
     assert len(stalls) >= 500
@@ -50,7 +50,7 @@ def test_a_thousand_flights_have_five_hundred_stalls_and_every_pair():
             assert flight.times[0] <= flight.times[1]
 
 
-def test_how_a_drawn_flight_must_end_is_known_before_it_flies():
+def test_expected_ending_of_a_drawn_flight_is_predefined():
     for k in range(220):
         flight = draw_flight(3, k)
         case, endings = flight_case(flight), [d.ends for d in flight.disturbances]
@@ -85,7 +85,7 @@ def test_drawn_flights_are_counted_by_kind():
 
 
 def watch(tmp_path, *, still=None, silent_from=9.0, obeys=True):
-    """Outputs that act for a second. still: a program that is frozen from 0.3 s on. obeys: they then go safe."""
+    """Check outputs that act for a second. still: program frozen from 0.3 s on. obeys: the outputs then go safe."""
     time = VirtualTime(1)
     clock = time.adopt("user").clock
     own = time.start("machine", lambda c: c.wait(None, 1.0)).clock
@@ -111,7 +111,7 @@ def watch(tmp_path, *, still=None, silent_from=9.0, obeys=True):
     return check
 
 
-def test_outputs_of_programs_that_run_may_act(tmp_path):
+def test_outputs_of_running_programs_pass_the_check(tmp_path):
     check = watch(tmp_path)
     assert check.list_violations() == []
     assert longest_times([check, check]) == check.longest_s
@@ -149,7 +149,7 @@ def test_a_drawn_flight_ends_safe_with_the_right_cause(kind, tmp_path):
     assert outcome.acted_s
 
 
-def test_two_changes_of_the_packets_of_one_direction_add_up_in_either_order_of_ending(tmp_path):
+def test_two_packet_disturbances_combine_in_either_order(tmp_path):
     later, thrice = delay_packets(0.5)(random.Random(1)), repeat_packets(random.Random(1))
     assert bend_packet([], b"a") == [(0.0, b"a")]
     both = [(0.5 + delay, b"a") for delay, _ in thrice(b"a")]
@@ -159,7 +159,7 @@ def test_two_changes_of_the_packets_of_one_direction_add_up_in_either_order_of_e
     assert outcome.verdict == "holds", outcome.problems
 
 
-def test_an_error_of_the_study_is_the_problem_of_its_case():
+def test_crash_of_the_study_fails_its_case():
     outcome = explain_crash(lambda name, _: {}[name], "cut-1", Path("nowhere"))
     assert outcome.verdict == "fails"
     assert re.fullmatch(

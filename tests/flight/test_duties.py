@@ -1,4 +1,4 @@
-"""Who may command a vehicle: requests as they come over the wire, in front of the compiled failsafe.
+"""Command authority of a vehicle: requests from the link, in front of the compiled failsafe.
 
 Times and rules are those of the page Failsafe: 250 ms, 1 s, latched.
 """
@@ -34,7 +34,7 @@ class Craft:
         self.duties, self.t, self.modes = Duties(drive_failsafe(), COMMAND, self.world), 0, []
 
     def run(self, ms, *, command=None, asks=(), every=lambda: ()):
-        """Go on for so many ms; command: (pulse, rpm), sent at each step."""
+        """Advance by a number of milliseconds. command: (pulse, rpm), sent at each step."""
         for event in asks:
             self.duties.handle_event(event, self.t)
         for _ in range(0, ms, 10):
@@ -52,7 +52,7 @@ class Craft:
 
     @property
     def acting(self):
-        """valid, pulse, rpm as the world's actuators get them."""
+        """valid, pulse, rpm as received by the world's actuators."""
         return tuple(self.world.inputs[1:].tolist())
 
     @property
@@ -76,7 +76,7 @@ def receiver(*pulses_us):
 STOPPED = (0.0, 1.5e-3, 0.0)
 
 
-def test_nothing_acts_before_it_is_armed(craft):
+def test_actuators_stay_safe_until_armed(craft):
     craft.run(100, command=(1.7e-3, 5000.0))
     assert (craft.acting, craft.lift, craft.duties.is_commanded) == (STOPPED, False, False)
     assert craft.duties.status.state == State.STANDBY
@@ -89,7 +89,7 @@ def test_nothing_acts_before_it_is_armed(craft):
     assert [m[1:] for m in craft.modes] == [("computer", "arm request"), ("disarmed", "disarm request")]
 
 
-def test_silence_stops_thrust_after_250_ms_and_lift_a_second_later_until_it_is_armed_anew(craft):
+def test_command_loss_stops_thrust_then_lift_until_rearmed(craft):
     craft.run(10, asks=[arm()])
     craft.run(100, command=(1.6e-3, 4000.0))
     last = craft.t // MS
@@ -111,7 +111,7 @@ def test_silence_stops_thrust_after_250_ms_and_lift_a_second_later_until_it_is_a
 
 
 @pytest.mark.parametrize("wrong", [(1.6e-3, NAN), (1.6e-3, 1e6), (5e-3, 0.0)])
-def test_commands_that_cannot_be_believed_are_silence(craft, wrong):
+def test_implausible_commands_count_as_no_command(craft, wrong):
     craft.run(10, asks=[arm()])
     craft.run(50, command=(1.6e-3, 4000.0))
     craft.run(300, command=wrong)
@@ -119,8 +119,8 @@ def test_commands_that_cannot_be_believed_are_silence(craft, wrong):
     assert craft.duties.step.result("rejected") == 30
 
 
-def test_commands_of_another_time_are_silence(craft):
-    """Recorded ones, or those of an autopilot that takes another clock for the vehicle's."""
+def test_commands_with_wrong_time_count_as_no_command(craft):
+    """Replayed commands, or commands of an autopilot that uses another clock."""
     craft.run(10, asks=[arm()])
     craft.run(2000, command=(1.6e-3, 4000.0))
     for wrong in (-1500 * MS, 3000 * MS):
@@ -130,8 +130,8 @@ def test_commands_of_another_time_are_silence(craft):
     assert craft.duties.mode == ("failsafe", "no command")
 
 
-def test_the_receivers_switch_takes_over_and_gives_back(craft):
-    """Channel 5 above 1.5 ms: the sticks rule, channel by channel from the failsafe's low to its high."""
+def test_receiver_switch_takes_over_and_returns_control(craft):
+    """With channel 5 above 1.5 ms the sticks command, each channel scaled from the failsafe's low to its high."""
     craft.run(10, asks=[arm()])
     craft.run(50, command=(1.6e-3, 4000.0))
     craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [receiver(1500, 1750, 1500, 1500, 1900)])
@@ -145,7 +145,7 @@ def test_the_receivers_switch_takes_over_and_gives_back(craft):
     assert (craft.acting, craft.duties.mode.mode) == ((1.0, 1.6e-3, 4000.0), "computer")
 
 
-def test_a_receiver_that_falls_silent_stops_it_also_in_the_pilots_hands(craft):
+def test_receiver_loss_triggers_failsafe_in_manual_mode(craft):
     craft.run(10, asks=[arm()])
     craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [receiver(1500, 1750, 1500, 1500, 1900)])
     craft.run(490)
@@ -154,8 +154,8 @@ def test_a_receiver_that_falls_silent_stops_it_also_in_the_pilots_hands(craft):
     assert (craft.acting, craft.duties.mode) == (STOPPED, ("failsafe", "pilot's radio lost"))
 
 
-def test_sticks_that_are_given_back_are_not_missed(craft):
-    """A release is no lost radio: the autopilot flies on, and the vehicle may be armed again later."""
+def test_released_receiver_is_not_a_lost_radio(craft):
+    """After a release the autopilot flies on, and the vehicle may be armed again later."""
     craft.run(10, asks=[arm()])
     craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [receiver(1500, 1750, 1500, 1500, 1900)])
     assert craft.duties.mode.mode == "manual"
@@ -164,8 +164,8 @@ def test_sticks_that_are_given_back_are_not_missed(craft):
     assert craft.duties.pilot.radio_silence(craft.t) is None
 
 
-def test_a_receiver_heard_after_a_release_is_not_forgotten(craft):
-    """Another station gives its sticks back in the same moment."""
+def test_receiver_stays_active_after_another_stations_release(craft):
+    """Another station releases its sticks in the same step."""
     craft.run(10, asks=[arm()])
     released = ReceiverChannels((NAN,) * 18, is_release=True)
     pilot = receiver(1500, 1750, 1500, 1500, 1900)
@@ -174,8 +174,8 @@ def test_a_receiver_heard_after_a_release_is_not_forgotten(craft):
     assert craft.duties.pilot.radio_silence(craft.t) is not None
 
 
-def test_channels_without_sticks_are_no_pilot(craft):
-    """The switch alone, and a receiver without its channels, rule nothing."""
+def test_receiver_without_stick_channels_does_not_take_over(craft):
+    """A receiver with only the switch, or without valid stick channels, commands no output."""
     craft.run(10, asks=[arm()])
     for pulses in ((NAN, NAN, NAN, NAN, 1900), (1500,), (1500, NAN, 1500, 1500, 1900)):
         craft.run(30, command=(1.6e-3, 4000.0), every=lambda p=pulses: [receiver(*p)])
@@ -194,15 +194,15 @@ def test_a_ground_station_takes_over_by_mode_and_joystick(craft):
     assert craft.duties.mode.mode == "computer"
 
 
-def test_of_two_requests_in_one_step_the_last_counts(craft):
+def test_last_of_two_requests_in_one_step_wins(craft):
     craft.run(10, asks=[arm(), arm(False)])
     assert not craft.duties.is_commanded
     craft.run(10, asks=[arm(False), arm()])
     assert craft.duties.is_commanded
 
 
-def test_without_limits_there_is_no_place_for_a_stick():
-    """A vehicle about whose commands nothing is known: a nudge would ask for 1e299 of something."""
+def test_joystick_is_ignored_without_command_limits():
+    """Without limits, a small stick deflection would command values of 1e299."""
     wide = Failsafe(
         safe=DriveCommand(rudder_pulse=0.0, speed_rpm=0.0),
         low=DriveCommand(rudder_pulse=-UNLIMITED, speed_rpm=-UNLIMITED),
@@ -216,7 +216,7 @@ def test_without_limits_there_is_no_place_for_a_stick():
     assert duties.mode.mode == "computer"
 
 
-def test_beyond_a_limit_it_stops_with_that_cause_and_stays_so(craft):
+def test_limit_breach_latches_failsafe_with_its_cause(craft):
     for kind in ("fence", "envelope"):
         craft.run(10, asks=[arm()])
         craft.run(50, command=(1.6e-3, 4000.0))
@@ -228,7 +228,7 @@ def test_beyond_a_limit_it_stops_with_that_cause_and_stays_so(craft):
         assert craft.duties.mode == ("failsafe", kind)
 
 
-def test_the_safety_pilot_brings_it_back_inside(craft):
+def test_safety_pilot_overrides_a_fence_breach(craft):
     craft.run(10, asks=[arm()])
     craft.duties.breach = "fence"
     craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [receiver(1500, 1750, 1500, 1500, 1900)])

@@ -1,4 +1,4 @@
-"""A flight that gets too fast: the vehicle ends it by itself, both ends say why, and both logs."""
+"""Overspeed: the vehicle goes to failsafe, and both ends report the reason."""
 
 import pytest
 from flight.virtual_programs import fly_pair
@@ -11,7 +11,7 @@ FASTEST = 0.5
 
 
 @pytest.mark.thorough
-def test_too_fast_for_its_envelope_it_goes_to_failsafe(tmp_path):
+def test_overspeed_beyond_envelope_triggers_failsafe(tmp_path):
     settings = ("--set", f"limits.speed={FASTEST}", "--duration", "8 s")
     programs, there, here = fly_pair(tmp_path, "hovercraft/forward", *settings)
     assert (there.status, here.status) == (1, 1), (there, here)

@@ -1,4 +1,4 @@
-"""Vectors to packets and back, number by number."""
+"""Vectors are packed into messages and restored exactly."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ T = 123_456_789_012
 
 
 def filled(path):
-    """A vector in which every number is another, and each as its type can hold it."""
+    """A vector of random numbers, each valid for its type."""
     vector = RNG.standard_normal(SIZE) * 1e3
     for p, at in READS.items():
         if p.endswith((".t", ".time", ".count", ".word")):
@@ -29,7 +29,7 @@ def filled(path):
 
 
 def carried(path):
-    """Slots that the wire carries: time, validity, value; age and freshness are the receiver's."""
+    """Slots sent over the link: time, validity, value. The receiver computes age and freshness."""
     every = np.arange(SIZE)
     slots = [
         np.atleast_1d(every[at])
@@ -44,7 +44,7 @@ def through(group, packets, endpoint):
 
 
 @pytest.mark.parametrize(("path", "parts"), [("samples.inertial-unit", 1), ("samples.filter", 3)])
-def test_what_is_packed_comes_out_in_its_places_and_nothing_else_changes(path, parts):
+def test_packed_sample_is_restored_to_its_slots_only(path, parts):
     both = ends(DIALECT)
     group = MessageGroup(DIALECT, path, lambda p: READS[p])
     sent = filled(path)
@@ -59,7 +59,7 @@ def test_what_is_packed_comes_out_in_its_places_and_nothing_else_changes(path, p
     assert (np.delete(received, slots) == -7.0).all()
 
 
-def test_a_shift_moves_the_time_and_only_that():
+def test_time_shift_changes_only_the_time():
     both, path = ends(DIALECT), "samples.inertial-unit"
     group = MessageGroup(DIALECT, path, lambda p: READS[p])
     sent = filled(path)
@@ -72,8 +72,8 @@ def test_a_shift_moves_the_time_and_only_that():
     np.testing.assert_array_equal(received[carried(path)], sent[carried(path)])
 
 
-def test_parts_of_two_samples_are_never_put_together():
-    """Of one sample a part is late: the next is whole by its own parts alone, in whatever order they come."""
+def test_parts_of_different_samples_are_not_mixed():
+    """A part of the first sample is late. The second sample is complete with its own parts, in any order."""
     both, path = ends(DIALECT, unsigned=True), "samples.filter"
     group = MessageGroup(DIALECT, path, lambda p: READS[p])
     first, second = filled(path), filled(path)
@@ -87,7 +87,7 @@ def test_parts_of_two_samples_are_never_put_together():
         np.testing.assert_array_equal(received[carried(path)], sent[carried(path)])
 
 
-def test_parts_of_samples_that_overtake_one_another_come_together():
+def test_parts_of_reordered_samples_are_reassembled():
     both, path = ends(DIALECT), "samples.filter"
     group = MessageGroup(DIALECT, path, lambda p: READS[p])
     sent = [filled(path) for _ in range(3)]
@@ -102,7 +102,7 @@ def test_parts_of_samples_that_overtake_one_another_come_together():
         np.testing.assert_array_equal(received[carried(path)], vector[carried(path)])
 
 
-def test_parts_whose_others_were_lost_are_not_kept_for_ever():
+def test_number_of_incomplete_samples_is_bounded():
     both, path = ends(DIALECT), "samples.filter"
     group, vector = MessageGroup(DIALECT, path, lambda p: READS[p]), filled("samples.filter")
     for k in range(3 * MOST_INCOMPLETE):
@@ -111,7 +111,7 @@ def test_parts_whose_others_were_lost_are_not_kept_for_ever():
     assert len(group._parts) == MOST_INCOMPLETE
 
 
-def test_groups_are_found_by_sensor_and_for_another_vector():
+def test_groups_are_keyed_by_sensor_and_write_given_slots():
     groups = sample_groups(DIALECT, lambda p: READS[p])
     assert set(groups) == {"inertial-unit", "filter"}
     command = Command(t=np.int64(0), valid=False, value=EVERY)

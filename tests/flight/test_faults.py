@@ -1,6 +1,6 @@
 """Faults over a live pair: some cases in virtual time in every run, all of them in the thorough tier.
 
-The verdict is tested by logs of vehicles that were not safe.
+The verdict is tested with logs of unsafe vehicles.
 """
 
 import contextlib
@@ -85,12 +85,12 @@ def flown(stops=2.25, duration=5.0, lift=1.0, force_until=None):
 
 
 def no_log(file):
-    """A file that is not there, and what reads it."""
+    """A missing file and its reader."""
     return file, partial(read_mcap, file)
 
 
 def waited(log, seconds):
-    """The same, of a process that was kept waiting this long."""
+    """The same log with a process delayed by this many seconds."""
     late = np.where(np.abs(log.t - 2.0) < 1e-6, seconds, 0.0)
     return changed(log, firmware__late=late, firmware__held=log.t < 1)
 
@@ -99,7 +99,7 @@ def changed(log, **signals):
     return dataclasses.replace(log, signals={**log.signals, **{n.replace("__", "."): v for n, v in signals.items()}})
 
 
-def test_a_vehicle_that_stopped_in_time_was_safe():
+def test_log_of_a_timely_stop_has_no_violation():
     log = flown()
     assert find_violations(log) == []
     assert failsafe_causes(log) == ["no command"]
@@ -115,11 +115,11 @@ def test_a_vehicle_that_stopped_in_time_was_safe():
         (changed(flown(), truth__surge_velocity=np.full(5000, np.nan)), "surge velocity reached nan"),
     ],
 )
-def test_one_that_broke_a_rule_was_not(log, says):
+def test_each_broken_rule_is_found_in_the_log(log, says):
     assert any(re.search(says, found) for found in find_violations(log)), find_violations(log)
 
 
-def test_silence_that_was_flown_on_through_is_found():
+def test_flying_on_without_commands_is_a_violation():
     log = flown(stops=4.0)
     fresh = log["firmware.command.fresh"] & ((log.t < 2) | (log.t > 2.3))
     assert any("flew on through 3" in found for found in find_violations(changed(log, firmware__command__fresh=fresh)))
@@ -127,7 +127,7 @@ def test_silence_that_was_flown_on_through_is_found():
     assert any("flew on through 3" in found for found in find_violations(changed(log, firmware__rejected=refused)))
 
 
-def test_failsafe_that_is_left_unasked_is_found():
+def test_leaving_failsafe_without_request_is_a_violation():
     log = flown()
     mode = np.where(log.t > 3, MODE["computer"], log["firmware.mode"])
     cause = np.where(log.t > 3, CAUSE["takeover ended"], log["firmware.cause"])
@@ -146,7 +146,7 @@ def test_a_crash_and_a_missing_log_are_found(tmp_path):
         assert any(says in problem for problem in outcome.problems)
 
 
-def test_an_exit_status_that_differs_from_what_was_said_is_found(tmp_path):
+def test_exit_status_contradicting_the_result_is_found(tmp_path):
     calm, hurt = {"problems": []}, {"problems": ["failsafe: no command"]}
     for status, result, agrees in ((0, calm, True), (1, hurt, True), (0, hurt, False), (1, calm, False)):
         one = ProcessResult("autopilot-1", status, "", result, *no_log(tmp_path / "flight.mcap"))
@@ -154,7 +154,7 @@ def test_an_exit_status_that_differs_from_what_was_said_is_found(tmp_path):
         assert any("which contradicts its result" in p for p in outcome.problems) != agrees
 
 
-def test_the_campaign_has_each_word_on_each_part_and_more():
+def test_campaign_covers_each_fault_word_on_each_part():
     names = [case.name for case in all_cases()]
     assert len(names) == len(set(names)) >= 120
     parts = [part.rpartition(":")[2] for part in PARTS]
@@ -163,14 +163,14 @@ def test_the_campaign_has_each_word_on_each_part_and_more():
     assert len(select_cases([])) > len(names)
 
 
-def test_a_case_that_is_not_there_is_refused():
+def test_rejects_unknown_case():
     done = CliRunner().invoke(main, ["live-faults", "--only", "cut-2"])
     assert done.exit_code == 2
     assert "unknown case 'cut-2'" in done.output
     assert "cut-0.3" in done.output
 
 
-def test_the_page_shows_all_cases_and_all_hold():
+def test_docs_page_shows_all_cases_as_holding():
     rows = re.findall(r"^\| `([^`]+)` \|.*\| ([^|]*) \|$", PAGE.read_text("utf-8"), re.MULTILINE)
     shown, names = [name for name, _ in rows], [case.name for case in all_cases()]
     assert shown == [name for name in names if name in shown]
@@ -178,7 +178,7 @@ def test_the_page_shows_all_cases_and_all_hold():
     assert {verdict for _, verdict in rows} <= {"holds"}
 
 
-def test_cases_flown_apart_get_their_rows_in_a_page_that_is_there():
+def test_cases_flown_separately_are_merged_into_the_page():
     order = ["a", "b", "c"]
     ones = {n: CaseOutcome(n, "does", "happened", (f"said {n}",), ()) for n in order}
     first = format_page(
@@ -198,7 +198,7 @@ def test_cases_flown_apart_get_their_rows_in_a_page_that_is_there():
     assert format_page([ones["a"]], "x", "", order).count("`a`") == 1
 
 
-def test_a_case_that_was_skipped_keeps_the_row_of_an_existing_page():
+def test_skipped_case_keeps_its_row_in_the_page():
     flown = CaseOutcome("serial", "does", "happened", (), ())
     skipped = flown._replace(skipped="needs --real-time")
     assert "skipped: needs --real-time" in (new := format_page([skipped], "x"))
@@ -206,7 +206,7 @@ def test_a_case_that_was_skipped_keeps_the_row_of_an_existing_page():
     assert "| holds |" in format_page([skipped], "x", page)
 
 
-def test_a_line_that_nothing_done_is_a_reason_for_is_found():
+def test_unexplained_log_lines_are_found():
     texts = ["computer: arm request", "failsafe: no command", "vehicle: " + "x" * 50, "vehicle: y"]
     log = dataclasses.replace(flown(), metadata={"events": [{"t": 0.0, "text": text} for text in texts]})
     evidence = Evidence({}, {"vehicle-1": log})
@@ -216,7 +216,7 @@ def test_a_line_that_nothing_done_is_a_reason_for_is_found():
 
 
 @pytest.mark.parametrize(("seconds", "stopped", "verdict"), [(0.3, {}, "kept waiting"), (0.05, {}, "fails")])
-def test_a_flight_that_failed_while_it_was_kept_waiting_is_no_verdict(seconds, stopped, verdict, tmp_path):
+def test_failure_of_a_starved_flight_gives_no_verdict(seconds, stopped, verdict, tmp_path):
     log = waited(flown(), seconds)
     left = [ProcessResult("vehicle-1", 0, "", {"problems": []}, tmp_path / "vehicle.mcap", lambda: log)]
     outcome = evaluate_flight(Case("x", "nothing", lambda _: None, "flies on", stopped_s=stopped), left)
@@ -226,7 +226,7 @@ def test_a_flight_that_failed_while_it_was_kept_waiting_is_no_verdict(seconds, s
     assert frozen.verdict == "fails"  # it was stopped on purpose
 
 
-def test_a_frame_gets_another_number_and_is_signed_as_by_its_sender():
+def test_renumbered_frame_is_signed_with_the_given_key():
     _, dialect = make_dialect({"compass": every()}, every())
     sender, receiver = Endpoint(dialect, 1, 191, KEY), Endpoint(dialect, 1, 1, KEY)
     frame = sender.pack("STATUSTEXT", {"text": "one"})
@@ -258,8 +258,8 @@ def test_a_case_holds_in_virtual_time(name, tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_flight_in_another_process_is_the_same_bit_for_bit(tmp_path):
-    """Another process hashes texts in another way, so that sets have another order."""
+def test_flight_in_another_process_is_bit_identical(tmp_path):
+    """Another process has another hash seed, so that sets have another order."""
     mine = _fly_virtual_case(1, "taken-over", tmp_path / "flight").digest
     environment = {**os.environ, "PYTHONHASHSEED": "7", "PYTHONPATH": os.pathsep.join(sys.path)}
     command = [sys.executable, "-c", ONE_FLIGHT, "taken-over"]
@@ -323,7 +323,7 @@ def test_a_campaign_that_is_stopped_leaves_no_process(number):
 
 @pytest.mark.real_time
 @pytest.mark.timeout(900)
-def test_three_cases_hold(tmp_path):
+def test_three_cases_hold_in_real_time(tmp_path):
     done, found = campaign(
         "--real-time", *(w for name in QUICK for w in ("--only", name)), "--out", str(tmp_path), timeout=880
     )
@@ -334,8 +334,8 @@ def test_three_cases_hold(tmp_path):
 
 @pytest.mark.real_time
 @pytest.mark.timeout(3600)
-def test_all_cases_hold():
-    """Some ten minutes on a machine that has nothing else to do."""
+def test_all_cases_hold_in_real_time():
+    """Takes about ten minutes on an idle machine."""
     done, found = campaign("--real-time", timeout=3500)
     print(f"{len(found['cases'])} cases in {found['wall_s']:.0f} s")
     assert done.returncode == 0, done.stderr

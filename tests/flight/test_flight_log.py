@@ -1,4 +1,4 @@
-"""Rows out of vectors into a file that another process writes."""
+"""Flight log: rows taken from vectors, and written to a file by another process."""
 
 import os
 import signal
@@ -34,7 +34,7 @@ def book(file):
     return FlightLog(file, FlightRows(sources, OWN), {"scenario": "a test"}), given, made
 
 
-def test_rows_are_the_vectors_as_they_were(tmp_path):
+def test_logged_rows_equal_the_source_vectors(tmp_path):
     log, given, made = book(tmp_path / "a.mcap")
     rng, rows = np.random.default_rng(1), []
     for k in range(300):
@@ -61,7 +61,7 @@ def test_rows_are_the_vectors_as_they_were(tmp_path):
 
 
 @pytest.mark.real_time
-def test_a_writer_that_dies_costs_the_log_and_nothing_else(tmp_path):
+def test_death_of_the_log_writer_loses_only_rows(tmp_path):
     log, _given, _ = book(tmp_path / "a.mcap")
     for k in range(100):
         log.write_row(k * PERIOD, (0.0, True))
@@ -77,7 +77,7 @@ def test_a_writer_that_dies_costs_the_log_and_nothing_else(tmp_path):
 
 
 @pytest.mark.real_time
-def test_a_flight_in_virtual_time_waits_for_its_log_and_for_no_dead_writer(tmp_path):
+def test_virtual_flight_waits_for_slow_but_not_dead_writer(tmp_path):
     log, _given, _ = book(tmp_path / "a.mcap")
     rows = 20_000  # more than the ring holds
     os.kill(log._stream.pid, signal.SIGSTOP)
@@ -95,7 +95,7 @@ def test_a_flight_in_virtual_time_waits_for_its_log_and_for_no_dead_writer(tmp_p
     assert log.close() is None
 
 
-def test_a_file_that_is_there_is_refused_and_no_memory_stays_behind(tmp_path):
+def test_rejects_existing_log_file_and_leaves_it_unchanged(tmp_path):
     (tmp_path / "a.mcap").write_bytes(b"mine")
     with pytest.raises(InputError):
         book(tmp_path / "a.mcap")

@@ -1,4 +1,4 @@
-"""What a vehicle passes on to its autopilot, message by message, with a clock that the test moves."""
+"""Requests that a vehicle forwards to its autopilot, message by message, with a clock set by the test."""
 
 import pytest
 from flight.mavlink.line import every
@@ -23,7 +23,7 @@ GOTO, LAND = 252, 21
 
 
 class Line:
-    """A vehicle's requests, and an autopilot that answers as told."""
+    """A vehicle's requests, and an autopilot whose answers the test sends."""
 
     def __init__(self):
         self.vehicle, self.autopilot = Endpoint(DIALECT, 1, 1, KEY), Endpoint(DIALECT, 1, 191, KEY)
@@ -38,7 +38,7 @@ class Line:
         self.hear("HEARTBEAT", sender, type=kind, autopilot=8, base_mode=flags, custom_mode=mode)
 
     def run(self, duration):
-        """Time goes on; (ms, command, first parameter, confirmation) of what the autopilot is sent."""
+        """Advance the time. Return (ms, command, first parameter, confirmation) of each message to the autopilot."""
         found = []
         for _ in range(0, duration, ms(1)):
             self.now += ms(1)
@@ -58,7 +58,7 @@ def line():
     return made
 
 
-def test_an_autopilot_that_is_heard_can_be_asked_until_it_falls_silent(line):
+def test_autopilot_is_available_until_its_heartbeats_time_out(line):
     assert line.said == ["autopilot: flying"]
     assert (line.status().autopilot_problem, dict(line.status().closed_modes)) == ("", {})
     line.now += AUTOPILOT_TIMEOUT + 1
@@ -76,7 +76,7 @@ def test_an_autopilot_that_is_heard_can_be_asked_until_it_falls_silent(line):
         {"sender": Endpoint(DIALECT, 7, 191, KEY)},
     ],
 )
-def test_others_are_not_the_autopilot(beat):
+def test_other_heartbeats_are_not_taken_for_the_autopilot(beat):
     made = Line()
     made.beat(FLYING, **beat)
     assert made.status().autopilot_problem == NO_AUTOPILOT_PROBLEM
@@ -93,7 +93,7 @@ def test_a_request_is_repeated_until_it_is_acknowledged(line):
     assert line.said == ["autopilot: flying"]
 
 
-def test_a_refusal_and_an_answer_that_never_comes_are_told(line):
+def test_refused_and_unanswered_requests_are_reported(line):
     line.requests.handle_event(FlightRequest("end"), line.now)
     line.run(ms(1))
     line.hear("COMMAND_ACK", command=LAND, result=3)
@@ -103,7 +103,7 @@ def test_a_refusal_and_an_answer_that_never_comes_are_told(line):
     assert line.run(seconds(1)) == []
 
 
-def test_mode_hold_asks_to_hold_and_is_told_when_the_autopilot_holds(line):
+def test_hold_mode_is_requested_and_shown_once_autopilot_holds(line):
     line.requests.handle_event(ModeRequest(HOLD), line.now)
     assert line.run(ms(50)) == [(1, GOTO, 0, 0)]
     assert line.status().mode == COMPUTER
@@ -117,13 +117,13 @@ def test_mode_hold_asks_to_hold_and_is_told_when_the_autopilot_holds(line):
     assert [(command, first) for _, command, first, _ in line.run(ms(50))] == [(GOTO, 1)]
 
 
-def test_mode_computer_asks_for_nothing_where_nothing_is_held(line):
+def test_computer_mode_sends_no_request_unless_holding(line):
     line.requests.handle_event(ModeRequest(COMPUTER), line.now)
     line.requests.handle_event(ModeRequest(MANUAL), line.now)
     assert line.run(seconds(1)) == []
 
 
-def test_to_go_on_takes_the_place_of_a_hold_that_has_not_been_answered(line):
+def test_resume_replaces_an_unanswered_hold_request(line):
     line.requests.handle_event(ModeRequest(HOLD), line.now)
     line.run(ms(50))
     line.requests.handle_event(ModeRequest(COMPUTER), line.now)

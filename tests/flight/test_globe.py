@@ -1,4 +1,4 @@
-"""A vehicle's world frame on the globe: places against the ellipsoid's radii of curvature, and who may move it."""
+"""A vehicle's world frame on the globe: positions against the ellipsoid's radii of curvature; changes of origin."""
 
 import math
 
@@ -21,7 +21,7 @@ SECOND = 10_000_000
 
 
 class Craft:
-    """Something that moves, seen by pymavlink through a station."""
+    """A moving vehicle, seen by pymavlink through a station."""
 
     def __init__(self, dialect, origin=None):
         self.motion = MOTION
@@ -51,7 +51,7 @@ def dialect():
     return made()
 
 
-def test_a_place_is_as_far_north_and_east_as_the_ellipsoids_radii_say(craft):
+def test_global_position_matches_ellipsoid_radii_of_curvature(craft):
     seen = craft.ask("GLOBAL_POSITION_INT")
     latitude = math.radians(38.9897)
     w = 1 - E2 * math.sin(latitude) ** 2
@@ -67,7 +67,7 @@ def test_a_place_is_as_far_north_and_east_as_the_ellipsoids_radii_say(craft):
     assert seen.vz == pytest.approx(200 * math.sin(0.2), abs=1)  # nose down, so it goes down
 
 
-def test_home_is_where_it_was_armed_and_heights_are_above_it(craft):
+def test_home_is_the_marked_position_and_height_reference(craft):
     craft.globe.mark_home()
     craft.motion = MOTION._replace(p_WB=(500.0, 0.0, -13.0))
     home, seen = craft.ask("HOME_POSITION"), craft.ask("GLOBAL_POSITION_INT")
@@ -87,7 +87,7 @@ def test_get_home_position_is_answered(craft):
     assert "COMMAND_ACK" in names
 
 
-def test_without_an_origin_nothing_is_told_and_a_station_may_set_one(dialect):
+def test_no_global_position_until_a_station_sets_origin(dialect):
     craft = Craft(dialect)
     assert craft.ask("GLOBAL_POSITION_INT") is None
     assert craft.master.heard("GLOBAL_POSITION_INT", 3000) == []
@@ -98,7 +98,7 @@ def test_without_an_origin_nothing_is_told_and_a_station_may_set_one(dialect):
 
 
 @pytest.mark.parametrize(("latitude", "is_armed", "why"), [(0, True, "armed"), (900_000_001, False, "out of range")])
-def test_another_origin_is_refused_with_the_reason_and_the_old_one_told(craft, latitude, is_armed, why):
+def test_rejects_origin_while_armed_or_out_of_range(craft, latitude, is_armed, why):
     craft.master.fly(is_armed)
     craft.master.mav.set_gps_global_origin_send(1, latitude, 0, 0)
     answers = list(craft.master._queue)
@@ -107,6 +107,6 @@ def test_another_origin_is_refused_with_the_reason_and_the_old_one_told(craft, l
 
 
 @pytest.mark.parametrize("text", ["", "1,2", "1,2,3,4", "north,2,3", "91,0,0", "0,181,0", "nan,0,0", "0,0,inf"])
-def test_what_is_no_place_is_refused(text):
+def test_rejects_invalid_origin_text(text):
     with pytest.raises(InputError, match="origin"):
         parse_origin(text)

@@ -1,11 +1,11 @@
-"""Buckets against sorted numbers."""
+"""Histogram of times, compared with sorted values."""
 
 import numpy as np
 
 from trimtab.flight.real_time import BUCKETS, Histogram, bucket_end
 
 
-def test_quantiles_are_those_of_the_numbers_to_a_bucket():
+def test_quantiles_match_sorted_times_within_a_bucket():
     rng = np.random.default_rng(1)
     times = np.concatenate([rng.lognormal(8, 2, 20000), [0, 1, 31, 32, 63, 64, 65]]).astype(np.int64)
     found = Histogram()
@@ -19,7 +19,7 @@ def test_quantiles_are_those_of_the_numbers_to_a_bucket():
     assert found.summary().longest == times.max() * 1e-9
 
 
-def test_every_time_falls_into_the_bucket_that_ends_next():
+def test_bucket_covers_times_up_to_its_end():
     previous = -1
     for bucket in range(BUCKETS):
         end = bucket_end(bucket)
@@ -32,7 +32,7 @@ def test_every_time_falls_into_the_bucket_that_ends_next():
         previous = end
 
 
-def test_nothing_counted_gives_nothing_and_early_is_zero():
+def test_empty_summary_is_zero_and_negative_counts_as_zero():
     assert Histogram().summary() == (0, 0.0, 0.0, 0.0, 0.0)
     early = Histogram()
     early.add(-5)

@@ -1,4 +1,4 @@
-"""What a virtual vehicle tells of itself, against its state, its sensor and its commands."""
+"""Telemetry of a virtual vehicle, against its state, its sensor and its commands."""
 
 import math
 from types import SimpleNamespace
@@ -22,7 +22,7 @@ from trimtab.vehicles.vehicle_type import mav_type
 
 
 class Told:
-    """A vehicle that has stood still for 20 ms, and what is heard of it."""
+    """A vehicle that has stood still for 20 ms, and a ground station that reads its messages."""
 
     def __init__(self, scenario, failsafe=None, **truth) -> None:
         scenario = replace_links(build(scenario, {f"initial.{k}": str(v) for k, v in truth.items()}))
@@ -40,7 +40,7 @@ class Told:
         self._streams, self._ground = self.instruments.telemetry_streams(), Endpoint(dialect, 255, 190, unsigned=True)
 
     def ask(self, number, now=0):
-        """A message's fields; None where there is none."""
+        """Request a message. Return its fields, or None without an answer."""
         _, packets = self._streams.handle_command(512, number, 0.0, now)
         (message,) = self._ground.feed(b"".join(packets)) or [None]
         return message and message.fields()
@@ -55,7 +55,7 @@ def hovercraft():
 
 
 @pytest.mark.thorough
-def test_posture_is_that_of_the_state(hovercraft):
+def test_attitude_and_position_messages_match_the_state(hovercraft):
     attitude, place = hovercraft.ask(30), hovercraft.ask(32)
     assert (attitude["yaw"], attitude["yawspeed"]) == pytest.approx((1.2, 0.5))
     assert (place["x"], place["y"], place["z"]) == pytest.approx((2.0, -1.0, 0.0))
@@ -64,7 +64,7 @@ def test_posture_is_that_of_the_state(hovercraft):
 
 
 @pytest.mark.thorough
-def test_servos_show_the_command_between_its_bounds(hovercraft):
+def test_servo_output_is_scaled_between_command_bounds(hovercraft):
     world = hovercraft.body.world
     world.inputs[world.reads["command.value.rudder_pulse"]] = 1.25e-3
     world.inputs[world.reads["command.value.speed_rpm"]] = 5000.0
@@ -73,7 +73,7 @@ def test_servos_show_the_command_between_its_bounds(hovercraft):
 
 
 @pytest.mark.thorough
-def test_receiver_is_told_while_it_is_heard(hovercraft):
+def test_receiver_channels_are_sent_until_receiver_times_out(hovercraft):
     assert hovercraft.ask(65) is None
     hovercraft.instruments.handle_event(ReceiverChannels((1.1e-3, 1.9e-3)), seconds(1))
     assert hovercraft.ask(65, seconds("1.4"))["chan2_raw"] == 1900
@@ -82,19 +82,19 @@ def test_receiver_is_told_while_it_is_heard(hovercraft):
     assert not hovercraft.ask(1, seconds("1.6"))["onboard_control_sensors_present"] & 0x10000
 
 
-def test_it_is_on_the_ground_until_somebody_flies_it(hovercraft):
+def test_landed_state_is_on_ground_until_commanded(hovercraft):
     assert hovercraft.ask(245)["landed_state"] == 1
     hovercraft.duties.is_commanded = True
     assert hovercraft.ask(245)["landed_state"] == 0
 
 
-def test_without_an_inertial_unit_there_is_no_such_message(hovercraft):
+def test_no_imu_message_without_an_inertial_unit(hovercraft):
     assert hovercraft.ask(105) is None
     assert not hovercraft.ask(1)["onboard_control_sensors_present"] & 0b111
 
 
 @pytest.mark.thorough
-def test_an_inertial_unit_and_a_magnetometer_are_shown():
+def test_imu_message_holds_the_measured_specific_force():
     told = Told("navigation/platform-magnetometer")
     found, world = told.ask(105), told.body.world
     (force,) = [p for p in world.writes if p.startswith("sensors.") and p.endswith(".specific_force")]
@@ -107,7 +107,7 @@ def test_an_inertial_unit_and_a_magnetometer_are_shown():
     assert told.ask(1)["onboard_control_sensors_health"] & 0b11 == 0b11
 
 
-def test_ground_stations_see_whether_it_may_be_armed(hovercraft):
+def test_prearm_health_bit_shows_arming_permission(hovercraft):
     bit = 0x10000000
     assert hovercraft.ask(1)["onboard_control_sensors_health"] & bit
     hovercraft.guard.may_be_armed = False
@@ -126,7 +126,7 @@ def quadrotor():
 
 
 @pytest.mark.thorough
-def test_in_space_posture_and_velocities_are_those_of_the_state(quadrotor):
+def test_quadrotor_attitude_and_velocity_messages_match_the_state(quadrotor):
     told = quadrotor
     truth = {n: told.body.world.result(f"truth.{n}").copy() for n in ("attitude", "position", "velocity", "rate")}
     attitude, place, hud = told.ask(30), told.ask(32), told.ask(74)
@@ -144,7 +144,7 @@ def test_in_space_posture_and_velocities_are_those_of_the_state(quadrotor):
 
 
 @pytest.mark.thorough
-def test_in_space_a_pose_is_that_of_the_state_and_it_is_a_quadrotor(quadrotor):
+def test_quadrotor_pose_and_type_match_the_vehicle(quadrotor):
     told = quadrotor
     pose = told.instruments.pose()
     assert pose[:3] == pytest.approx(told.body.world.result("truth.position").tolist())

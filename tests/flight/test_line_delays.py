@@ -1,4 +1,4 @@
-"""The measurement against a far end in virtual time, whose delays are known; and over a relay, in wall-clock time."""
+"""Delay measurement against a far end with known delays in virtual time, and over a relay in wall-clock time."""
 
 import heapq
 import random
@@ -31,7 +31,7 @@ BOOT = b"one boot"
 
 
 class Sky:
-    """A link, its far end and the clock of both; a request takes up, its reply down, and some are lost."""
+    """A link with known random delays and losses, its far end, and the clock of both ends."""
 
     def __init__(self, far_boot=BOOT, ahead=0, loss=0.0, spread=1.0):
         self.t, self.ahead, self.boot, self.loss = 1_000_000, ahead, far_boot, loss
@@ -80,7 +80,7 @@ class Sky:
 
 @pytest.fixture
 def under():
-    """Measure under a sky."""
+    """Function that measures the delays of a Sky."""
 
     def run(sky, plan):
         return line_delays.measure_delays(sky, ClockTimeExchange(7, BOOT), plan, sky)
@@ -88,7 +88,7 @@ def under():
     return run
 
 
-def test_with_one_clock_each_way_is_measured_for_itself(under):
+def test_shared_clock_measures_each_direction_separately(under):
     sky = Sky()
     found = under(sky, LinkTestPlan(2.9, 22.0, 200, 10.0))
     assert found.has_one_clock
@@ -103,8 +103,8 @@ def test_with_one_clock_each_way_is_measured_for_itself(under):
     assert found.data_rates[0] == pytest.approx(2.9, rel=0.03)
 
 
-def test_two_clocks_an_hour_apart_are_set_by_the_quickest(under):
-    """Exact round trips; the offset is as good as the difference of the quickest round trip's two ways."""
+def test_clock_offset_is_estimated_from_fastest_round_trip(under):
+    """Round trips are exact. The offset error is half the up-down difference of the fastest round trip."""
     sky = Sky(far_boot=b"another.", ahead=36_000_000_000, spread=0.3)
     found = under(sky, LinkTestPlan(2.9, 22.0, 400, 20.0))
     assert not found.has_one_clock
@@ -114,7 +114,7 @@ def test_two_clocks_an_hour_apart_are_set_by_the_quickest(under):
     assert abs(shift[0]) < 0.004  # up is 28 to 52 ms
 
 
-def test_losses_are_told_apart_by_what_the_far_end_heard(under):
+def test_uplink_and_downlink_losses_are_separated(under):
     sky = Sky(loss=0.1)
     found = under(sky, LinkTestPlan(2.9, 22.0, 400, 20.0))
     assert 20 < sky.lost_up == found.lost_up
@@ -128,7 +128,7 @@ def test_losses_are_told_apart_by_what_the_far_end_heard(under):
         LatencyTrace.of(trace).check()
 
 
-def test_recordings_are_read_back_and_the_model_has_their_moments(under, tmp_path):
+def test_traces_round_trip_and_fitted_model_matches_moments(under, tmp_path):
     found = under(Sky(loss=0.05, spread=0.5), LinkTestPlan(2.9, 22.0, 300, 20.0))
     for path, trace in link_traces(found).items():
         write_trace(tmp_path / "t.csv", trace)
@@ -145,14 +145,14 @@ def test_recordings_are_read_back_and_the_model_has_their_moments(under, tmp_pat
         MeasuredLatency(values, loss=float(loss[2]), capacity=int(capacity[2])).check()
 
 
-def test_nobody_there(under):
+def test_no_measurement_without_a_far_end(under):
     sky = Sky()
     sky.send = lambda packet: False
     assert under(sky, LinkTestPlan(2.9, 22.0, 10)) is None
 
 
-def test_the_far_end_makes_the_load_it_is_asked_for_and_stops_by_itself():
-    """22 kb/s are 2200 bytes a second, replies included; nothing more three seconds after the last word."""
+def test_far_end_generates_requested_load_then_stops():
+    """22 kb/s are 2200 bytes a second, replies included. The load stops three seconds after the last request."""
 
     class Ground:
         t, sent, said = 50.0, [], False
@@ -181,10 +181,10 @@ def test_the_far_end_makes_the_load_it_is_asked_for_and_stops_by_itself():
 
 
 @pytest.mark.real_time
-def test_over_a_relay_the_figures_are_what_the_relay_put_in():
-    """40 ± 15 ms, 2 % lost. Band: mean within 3 ms and sd within 3 ms of what the relay did to these packets.
+def test_measured_delays_match_those_of_the_relay():
+    """40 ± 15 ms, 2 % lost. Limits: mean and sd within 3 ms of the delays that the relay applied.
 
-    Standard errors with 600 requests are 0.6 and 0.4 ms; the rest is for a busy machine, which delays at both ends.
+    Standard errors with 600 requests are 0.6 and 0.4 ms. The rest allows for delays by a busy machine at both ends.
     """
     port = free_port(socket.SOCK_DGRAM)
     far, stop = open_link(f"udp://:{port}", listen=True), threading.Event()

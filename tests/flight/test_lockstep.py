@@ -1,4 +1,4 @@
-"""Vehicle and autopilot as two programs over real transports, in step: the numbers of `simulate`, bit for bit."""
+"""Vehicle and autopilot as two programs in lockstep over real transports reproduce `simulate` bit for bit."""
 
 import threading
 
@@ -31,7 +31,7 @@ NAVIGATED = [(n, kind) for n in HOVERCRAFT for kind in SEEDS if kind in catalogu
 
 
 def same(log, simulated, *, age=True):
-    """Every signal of a log is that of a simulation, at every instant of the log."""
+    """Assert that every signal of a log equals the simulation at every instant of the log."""
     rows = np.searchsorted(simulated.ticks, log.ticks)
     np.testing.assert_array_equal(simulated.ticks[rows], log.ticks)
     compared = [p for p in log.paths if not p.startswith("log.") and not p.endswith(".fresh")]
@@ -40,7 +40,7 @@ def same(log, simulated, *, age=True):
         np.testing.assert_array_equal(log[path], simulated[path][rows], err_msg=path)
 
 
-def test_over_a_serial_cable(tmp_path):
+def test_lockstep_over_serial_cable_matches_simulation(tmp_path):
     with SerialPair(tmp_path) as cable:
         left, right = cable.uris
         more = ("--lockstep", "--duration", "2", "--seed", "4")
@@ -55,8 +55,8 @@ def test_over_a_serial_cable(tmp_path):
     assert dict(logs[0].final) == {p: simulated.final[p] for p in logs[0].final}
 
 
-def test_over_udp_that_loses_and_delays(tmp_path):
-    """One packet in fifty is lost, and all are late: what comes is the same, only later."""
+def test_lockstep_over_lossy_udp_matches_simulation(tmp_path):
+    """One packet in fifty is lost and all are delayed. The results are unchanged."""
     port = free_port()
     with UdpRelay(("127.0.0.1", port), delay=0.001, jitter=0.0005, loss=0.02, seed=1) as relay:
         near, far = f"udp://127.0.0.1:{relay.port}", f"udp://127.0.0.1:{port}"
@@ -72,9 +72,9 @@ def test_over_udp_that_loses_and_delays(tmp_path):
 
 
 def in_step(scenario, folder, seed, line=None, *, flown=None):
-    """Both ends in this process, over a line, or a loopback; the two logs.
+    """Run both ends in this process, over a given link or a loopback. Return the two logs.
 
-    line: vehicle's end, autopilot's end. flown: what the autopilot's end was told, if it is something else.
+    line: vehicle's end, autopilot's end. flown: scenario of the autopilot, if it differs.
     """
     key = passphrase_key("correct-horse-battery-staple")
     name = f"loopback://{folder.name}"
@@ -93,7 +93,7 @@ def in_step(scenario, folder, seed, line=None, *, flown=None):
 
 
 class LosingLink:
-    """A link that keeps some packets to itself, by their numbers."""
+    """A link that loses the packets with given numbers."""
 
     def __init__(self, link, lost):
         self._link, self._lost, self._count = link, lost, 0
@@ -106,8 +106,8 @@ class LosingLink:
         return self._count in self._lost or self._link.send(packet)
 
 
-def test_no_step_is_flown_on_samples_that_are_missing(tmp_path):
-    """The vehicle's samples and instants, and the autopilot's answers, lost once each: sent again, nothing else."""
+def test_lost_packets_are_resent_without_changing_results(tmp_path):
+    """Samples and instants of the vehicle and answers of the autopilot are lost once each and resent."""
     scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     scenario = replace(scenario, duration=seconds(0.1))
     name = f"loopback://{tmp_path.name}-losing"
@@ -119,8 +119,8 @@ def test_no_step_is_flown_on_samples_that_are_missing(tmp_path):
         same(log, simulated)
 
 
-def test_a_last_command_that_is_lost_is_sent_again(tmp_path):
-    """Every other packet of the autopilot is lost, so the first attempt of each command, that of the last one too."""
+def test_lost_last_command_is_resent(tmp_path):
+    """Every other packet of the autopilot is lost: the first attempt of each command, including the last one."""
     scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     scenario = replace(scenario, duration=seconds(0.02))
     name = f"loopback://{tmp_path.name}-losing"
@@ -132,8 +132,8 @@ def test_a_last_command_that_is_lost_is_sent_again(tmp_path):
         same(log, simulated)
 
 
-def test_a_predictor_is_the_autopilots_own_business(tmp_path):
-    """The vehicle knows of none, and what is predicted comes into the flight's log."""
+def test_predictor_runs_on_the_autopilot_only(tmp_path):
+    """The vehicle runs without a predictor. Predictions appear in the flight's log."""
     plain, flown = (
         replace(build("hovercraft/zero-velocity", {"predictor": word}), duration=seconds(0.5)) for word in ("off", "on")
     )
@@ -146,8 +146,8 @@ def test_a_predictor_is_the_autopilots_own_business(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "navigation"), NAVIGATED)
-def test_every_hovercraft_scenario_meets_its_targets_in_step(name, navigation, tmp_path):
-    """Whole flights: each number is that of `simulate`, so the targets are reached when and as it says."""
+def test_every_hovercraft_scenario_meets_its_targets_in_lockstep(name, navigation, tmp_path):
+    """Each metric of the flight equals that of `simulate`."""
     scenario, _ = catalogue.load_scenario(name, {"navigation": navigation})
     seed = SEEDS[navigation]
     vehicle, flight = in_step(scenario, tmp_path, seed)
@@ -163,8 +163,8 @@ def test_every_hovercraft_scenario_meets_its_targets_in_step(name, navigation, t
         assert found[path]["first_reach_s"] is not None, path
 
 
-def test_with_a_bus_on_the_vehicle(tmp_path):
-    """The bus is the vehicle's own: a real line takes the place of the radio alone. A minute, to compile."""
+def test_lockstep_with_vehicle_bus_matches_simulation(tmp_path):
+    """The bus is part of the vehicle; the real link replaces only the radio. Compiling takes a minute."""
     line, chosen = f"udp://127.0.0.1:{free_port()}", {"navigation": "ins", "bus": "slave"}
     more = [word for name, value in chosen.items() for word in ("--set", f"{name}={value}")]
     there, here = fly_pair(tmp_path, "hovercraft/forward", line, line, "--lockstep", "--duration", "2", *more)

@@ -1,4 +1,4 @@
-"""The monitor of a compiled step: what is said when a formula is broken, in a flight too, and in its log."""
+"""Monitor of a compiled step: reports of violated formulas, also in a flight and in its log."""
 
 import pytest
 from flight.virtual_programs import fly_pair
@@ -23,7 +23,7 @@ def compiled():
     return scenario, compile_autopilot(scenario)
 
 
-def test_each_change_is_told_once_with_its_number_and_unit(compiled):
+def test_each_verdict_change_is_reported_once_with_robustness(compiled):
     scenario, step = compiled
     step.reset()
     step.inputs[:] = 0
@@ -44,13 +44,13 @@ def test_each_change_is_told_once_with_its_number_and_unit(compiled):
     }
 
 
-def test_without_a_monitor_nothing_is_told():
+def test_no_report_without_a_monitor():
     scenario = build("hovercraft/spin")
     assert CompiledMonitor(scenario, compile_autopilot(scenario)).describe_changes() == []
 
 
 @pytest.mark.thorough
-def test_in_a_flight_it_is_told_logged_and_replayed(tmp_path):
+def test_violation_in_flight_is_reported_logged_and_replayed(tmp_path):
     formulas = "autopilot.monitor.formulas=still: always(abs(estimate.state.yaw_rate) < 0.5 rad/s)"
     programs, there, here = fly_pair(tmp_path, "hovercraft/spin", "--duration", "2", pilot=("--set", formulas))
     assert "monitor: still VIOLATED, robustness -" in here.said

@@ -1,10 +1,10 @@
 """A flight between two hosts: `vehicle` on one, `fly` on the other, and a radio's delays and losses between them.
 
-The hosts are network namespaces. What lies between is a relay that delays each datagram by 40 ± 15 ms (a normal
-number), each way, lets them overtake one another, and loses 2 %. The band of each number is made as in
-test_wall_clock.py, from forty simulated flights at either end of what such a line can be: the quickest takes 25 ms each
-way, always; the slowest has the relay's delays and losses, keeps the order (so that one late packet holds up those
-behind it), and has a servo frame (20 ms) and a look of the downlink (6 ms) on top.
+The hosts are network namespaces. Between them a relay delays each datagram by 40 ± 15 ms (normally
+distributed) each way, may reorder datagrams, and loses 2 %. The band of each metric is made as in
+test_wall_clock_flights.py, from forty simulated flights over the fastest and the slowest link. The fastest takes 25 ms
+each way. The slowest has the relay's delays and losses, keeps the order (so that one late packet delays those
+behind it), and adds a servo frame (20 ms) up and a downlink period (6 ms) down.
 """
 
 import os
@@ -35,7 +35,7 @@ SEEDS = range(100, 140)
 
 
 def channels(latency, loss, more=(0.0, 0.0)):
-    """Links with these latencies at the normal scores; more: on top, down and up."""
+    """Links with these latencies at the normal scores. more: additional latency, down and up."""
     down, up = (np.maximum(latency, 0.0) + on_top for on_top in more)
     return Links(
         MeasuredLatency(latency=down, loss=loss, send_period=ms(6), capacity=64),
@@ -48,13 +48,13 @@ SLOW = channels(DELAY + JITTER * normal_scores(), LOSS, (0.006, 0.020))
 
 
 def unfit():
-    """Why this machine can't do it; empty where it can."""
+    """Reason why this machine cannot run the test, or an empty text."""
     if os.geteuid() != 0:
         return "needs root: without real-time scheduling in a namespace a busy machine's delays come on top"
     return why_not()
 
 
-def test_forward_reaches_its_speed_over_a_line_that_delays_and_loses(tmp_path):
+def test_forward_flight_reaches_speed_over_delayed_lossy_link(tmp_path):
     if reason := unfit():
         pytest.skip(reason)
     for attempt in range(3):
@@ -77,7 +77,7 @@ def test_forward_reaches_its_speed_over_a_line_that_delays_and_loses(tmp_path):
 
 
 def flown(folder):
-    """Both ends' results, of a flight from host to host."""
+    """Fly between the hosts. Return both ends' results."""
     weather = [f"--delay={DELAY}", f"--jitter={JITTER}", f"--loss={LOSS}", f"--seed={SEED}"]
     with Hosts() as hosts:
         relay = [sys.executable, relays.__file__, "udp", "127.0.0.1:15000", f"{NEAR}:14550", *weather]
@@ -89,7 +89,7 @@ def flown(folder):
 
 
 def in_order():
-    """Of samples sent every 6 ms over such a line: the share that no later one overtakes, and their mean age."""
+    """Share of samples, sent every 6 ms over this link, that no later one overtakes, and their mean age."""
     delay = np.maximum(np.random.default_rng(SEED).normal(DELAY, JITTER, 100_000), 0.0)
     arrival = np.arange(len(delay)) * to_seconds(ms(6)) + delay
     first = arrival <= np.minimum.accumulate(arrival[::-1])[::-1]
@@ -97,7 +97,7 @@ def in_order():
 
 
 def check_line(folder, there, here, said):
-    """The line was as bad as it should be, or worse, and the vehicle's failsafe had no cause to act."""
+    """Assert that losses and delays were at least the intended ones, and that the failsafe did not act."""
     log = read_mcap(Path(folder) / "here" / "flight.mcap")
     sent, lost = there["line"]["packets_out"], there["line"]["packets_out"] - here["line"]["packets_in"]
     assert lost / sent > LOSS / 2, said

@@ -1,4 +1,4 @@
-"""Lockstep for what is no hovercraft: sensors with hyphens in their names, slower steps, inertial units."""
+"""Lockstep for vehicles other than hovercraft: sensor names with hyphens, slower steps, inertial units."""
 
 import pytest
 from flight.test_lockstep import in_step, same
@@ -15,7 +15,7 @@ NAMES += ["navigation/still", "quadrotor/track", "torpedo/depth", "vessel/path"]
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_it_is_the_simulation(name, tmp_path):
+def test_lockstep_flight_matches_simulation(name, tmp_path):
     scenario, _ = catalogue.load_scenario(name)
     scenario = replace(scenario, duration=seconds("1.5"))
     vehicle, flight = in_step(scenario, tmp_path, 2)

@@ -1,4 +1,4 @@
-"""Port of the outputs: a driver sees what acts, and that a writer is dead or frozen."""
+"""Port of the outputs: a driver reads the active values and detects a dead or frozen writer."""
 
 import os
 import struct
@@ -16,14 +16,14 @@ def port(tmp_path):
     return OutputPort(tmp_path / "outputs.bin", [0.0, 1.5], 300 * MS)
 
 
-def test_a_reader_gets_the_row_that_acts_and_when_it_was_written(port):
+def test_reader_gets_the_current_row_and_its_time(port):
     reader = OutputReader(port.path)
     assert reader.read() == (0, OutputRow(WAITING, False, (0.0, 1.5)))
     port.write(OutputRow(DRIVEN, True, (0.9, 1.7)), 5 * MS)
     assert reader.read() == (5 * MS, OutputRow(DRIVEN, True, (0.9, 1.7)))
 
 
-def test_a_steady_row_is_applied_as_long_as_the_writer_shows_life(port):
+def test_unchanged_row_is_applied_while_the_writer_renews_it(port):
     reader, row = OutputReader(port.path), OutputRow(DRIVEN, True, (0.9, 1.7))
     port.write(row, 0)
     for now in range(0, 1000, 20):
@@ -31,7 +31,7 @@ def test_a_steady_row_is_applied_as_long_as_the_writer_shows_life(port):
         assert reader.row_to_apply(now * MS) == row
 
 
-def test_a_dead_writer_is_safe_after_100_ms_and_the_lift_stops_after_its_delay(port):
+def test_dead_writer_gives_safe_outputs_then_stops_lift(port):
     reader, row = OutputReader(port.path), OutputRow(DRIVEN, True, (0.9, 1.7))
     port.write(row, 0)
     assert reader.row_to_apply(99 * MS) == row
@@ -42,7 +42,7 @@ def test_a_dead_writer_is_safe_after_100_ms_and_the_lift_stops_after_its_delay(p
     assert reader.row_to_apply(501 * MS) == row
 
 
-def test_a_writer_that_stops_within_a_row_does_not_hold_up_the_driver(port):
+def test_half_written_row_does_not_block_the_driver(port):
     reader, row = OutputReader(port.path), OutputRow(DRIVEN, True, (0.9, 1.7))
     port.write(row, 0)
     assert reader.row_to_apply(1 * MS) == row
@@ -53,8 +53,8 @@ def test_a_writer_that_stops_within_a_row_does_not_hold_up_the_driver(port):
     assert fresh.row_to_apply(50 * MS) == OutputRow(WAITING, False, (0.0, 1.5))
 
 
-def test_nobody_else_writes_what_acts_whatever_the_mask(tmp_path):
-    """Who writes the port moves the craft."""
+def test_port_file_is_writable_by_its_owner_only(tmp_path):
+    """Whoever can write to the port can move the craft."""
     before = os.umask(0)
     try:
         port = OutputPort(tmp_path / "outputs.bin", [0.0], 0)
@@ -65,7 +65,7 @@ def test_nobody_else_writes_what_acts_whatever_the_mask(tmp_path):
     assert not port.path.exists()
 
 
-def test_a_folder_that_others_can_enter_is_refused(tmp_path, monkeypatch):
+def test_rejects_memory_folder_accessible_to_others(tmp_path, monkeypatch):
     monkeypatch.setattr(output_port, "SHARED_MEMORY", tmp_path)
     folder = memory_folder()
     assert folder.stat().st_mode & 0o077 == 0

@@ -1,4 +1,4 @@
-"""The outputs' process: a vehicle's process killed or stopped, and what acts then."""
+"""The outputs' process: safe outputs after the vehicle's process is killed or stopped."""
 
 import contextlib
 import os
@@ -74,7 +74,7 @@ def test_outputs_go_safe_when_the_vehicle_is_killed_or_stopped(feeder, number, c
 
 
 @pytest.mark.real_time
-def test_no_room_for_the_outputs_own_log_stops_nothing(feeder):
+def test_outputs_go_safe_even_if_their_log_fails(feeder):
     process, port, log = feeder
     outputs = int(Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()[0])
     resource.prlimit(outputs, resource.RLIMIT_FSIZE, (0, 0))  # each write to a file fails, as on a full disk
@@ -86,7 +86,7 @@ def test_no_room_for_the_outputs_own_log_stops_nothing(feeder):
 
 
 @pytest.mark.real_time
-def test_a_vehicle_that_wakes_drives_nothing_until_it_is_disarmed(feeder):
+def test_outputs_of_a_resumed_vehicle_stay_latched_until_disarmed(feeder):
     process, port, log = feeder
     os.kill(process.pid, signal.SIGSTOP)
     await_row(port, lambda row: row.state == LATCHED)
@@ -96,7 +96,7 @@ def test_a_vehicle_that_wakes_drives_nothing_until_it_is_disarmed(feeder):
     assert "latched until the vehicle is disarmed" in log.read_text()
 
 
-def test_a_short_silence_is_safe_and_ends_by_itself_and_a_long_one_only_by_disarming():
+def test_watchdog_recovers_from_short_silence_and_latches_long_one():
     watchdog = Watchdog([0.0], timeout=50, lift_delay=1000, latch=250)
     watchdog.take_row(0, True, True, (9.0,))
     assert not watchdog.check(49)
@@ -116,7 +116,7 @@ def test_a_short_silence_is_safe_and_ends_by_itself_and_a_long_one_only_by_disar
 
 
 class FullLine:
-    """Line of the outputs' process to a vehicle that was stopped for long: it takes a packet only once it has room."""
+    """Full socket from the outputs' process to a vehicle that was stopped for long."""
 
     def __init__(self, rows):
         self.rows, self.has_room, self.sent = list(rows), True, []
@@ -144,7 +144,7 @@ class StandingClock:
 
 
 class ResetLine(FullLine):
-    """Line whose other end was closed with packets unread: the system reports a reset once, then the last packets."""
+    """Socket whose other end closed with unread packets: the system reports one reset, then the last packets."""
 
     def recv(self, size):
         if self.rows and self.rows[0] == "reset":
@@ -157,7 +157,7 @@ def row_packet(stamp, value):
     return HEAD.pack(stamp, True, False) + struct.pack("<d", value)
 
 
-def test_a_silence_is_reported_once_the_line_has_room():
+def test_silence_report_waits_until_the_link_has_room():
     line, clock = FullLine([row_packet(0, 1.0)]), StandingClock()
     orders = OutputsOrders((0.0,), 50 * MS, 0, 250 * MS, None, False, 1)
     loop = OutputsLoop(line, orders, clock)
@@ -174,15 +174,15 @@ def test_a_silence_is_reported_once_the_line_has_room():
 
 
 @pytest.mark.parametrize(("last", "cause"), [([END], "the vehicle has ended"), ([], "the vehicle's process is gone")])
-def test_an_end_with_echoes_unread_is_still_an_end(last, cause):
+def test_connection_reset_still_reports_the_cause_of_end(last, cause):
     line, clock, told = ResetLine([row_packet(0, 1.0), "reset", *last]), StandingClock(), []
     orders = OutputsOrders((0.0,), 50 * MS, 0, 250 * MS, None, False, 1)
     OutputsLoop(line, orders, clock, tells=[told.append]).serve()
     assert told[-1].endswith(f"at rest; {cause}")
 
 
-def test_a_machine_that_stood_still_is_not_a_frozen_process_of_outputs():
-    """The vehicle looks first after a pause of both processes: the other one has had no time to answer."""
+def test_machine_pause_is_not_a_frozen_outputs_process():
+    """After a pause of both processes the vehicle checks first. The outputs' process has had no time to answer."""
     line, clock = FullLine([]), StandingClock()
     process = OutputsProcess(line, 1, lambda: None)
     outputs = Outputs([0.0], timeout=50 * MS, lift_delay=0, latch=250 * MS, clock=clock, start=lambda orders: process)
@@ -199,7 +199,7 @@ def test_a_machine_that_stood_still_is_not_a_frozen_process_of_outputs():
 
 
 @pytest.mark.real_time
-def test_the_vehicle_hears_of_a_latched_silence_and_of_the_death_of_its_outputs():
+def test_vehicle_learns_of_latched_silence_and_dead_outputs():
     outputs = Outputs([0.0], timeout=30 * MS, lift_delay=0, latch=60 * MS)
     try:
         outputs.hand_over(True, False, [1.0])
@@ -219,7 +219,7 @@ def test_the_vehicle_hears_of_a_latched_silence_and_of_the_death_of_its_outputs(
 
 
 @pytest.mark.real_time
-def test_a_frozen_process_of_outputs_is_noticed_and_the_driver_goes_safe(tmp_path):
+def test_frozen_outputs_process_is_detected_and_driver_goes_safe(tmp_path):
     outputs = Outputs([0.0], timeout=50 * MS, lift_delay=100 * MS, latch=250 * MS, folder=tmp_path)
     try:
         port = OutputReader(tmp_path / "outputs.bin")
@@ -244,8 +244,8 @@ def test_a_frozen_process_of_outputs_is_noticed_and_the_driver_goes_safe(tmp_pat
 
 
 @pytest.mark.real_time
-def test_a_paused_terminal_does_not_hold_up_the_outputs(tmp_path):
-    """Standard error is a full pipe that nobody reads. The outputs go safe, stop the lift and end all the same."""
+def test_blocked_terminal_does_not_delay_the_outputs(tmp_path):
+    """Standard error is a full pipe without a reader. The outputs still go safe, stop the lift and end."""
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     with contextlib.suppress(BlockingIOError):
@@ -274,7 +274,7 @@ def test_a_paused_terminal_does_not_hold_up_the_outputs(tmp_path):
 
 
 @pytest.mark.real_time
-def test_a_vehicle_killed_in_flight_leaves_its_outputs_safe_and_says_why(tmp_path):
+def test_outputs_go_safe_and_log_why_after_vehicle_is_killed(tmp_path):
     make_key(tmp_path)
     scenario, out = "hovercraft/zero-velocity", tmp_path / "there"
     words = ("vehicle", scenario, "--listen", "udp://127.0.0.1:14671", "--out", str(out), "--json")
@@ -300,7 +300,7 @@ def test_a_vehicle_killed_in_flight_leaves_its_outputs_safe_and_says_why(tmp_pat
 
 
 @pytest.mark.real_time
-def test_a_vehicle_that_ends_in_order_is_not_taken_for_one_that_hangs(tmp_path):
+def test_normal_vehicle_end_is_not_reported_as_hang(tmp_path):
     make_key(tmp_path)
     out = tmp_path / "there"
     words = ("--listen", f"udp://127.0.0.1:{free_port()}", "--out", str(out), "--json")

@@ -1,4 +1,4 @@
-"""Parameters outlive a program because a station asked for it, and for no other reason."""
+"""Parameters are stored only on a station's request."""
 
 import json
 
@@ -25,7 +25,7 @@ def dialect():
 
 
 def tree(file):
-    """The vehicle as a start makes it: its own numbers, then what is kept."""
+    """The vehicle at its start: default values, then stored parameters."""
     whole = {"vehicle": Outer(Inner(2.6, np.array([0.1, 0.2]), 3, 1, True), 0.2)}
     return with_settings(whole, read_parameters(file, "a"))
 
@@ -45,7 +45,7 @@ def change(master, name, value):
     return master.recv_match("PARAM_VALUE").param_value
 
 
-def test_what_was_stored_is_there_after_a_restart_and_nothing_else(dialect, tmp_path):
+def test_only_stored_parameters_survive_a_restart(dialect, tmp_path):
     file = tmp_path / "kept.json"
     first = start(dialect, file)
     change(first, b"VI_MASS", 3.5)
@@ -62,7 +62,7 @@ def test_what_was_stored_is_there_after_a_restart_and_nothing_else(dialect, tmp_
     assert (tree(file)["vehicle"].inner.mass, tree(file)["vehicle"].drag) == (3.5, 0.5)
 
 
-def test_a_value_that_is_changed_back_is_stored_so(dialect, tmp_path):
+def test_last_of_several_changed_values_is_stored(dialect, tmp_path):
     file = tmp_path / "kept.json"
     master = start(dialect, file)
     for value in (5.0, 4.0, 3.0):
@@ -71,7 +71,7 @@ def test_a_value_that_is_changed_back_is_stored_so(dialect, tmp_path):
     assert tree(file)["vehicle"].inner.count == 3
 
 
-def test_a_reset_forgets_them(dialect, tmp_path):
+def test_reset_restores_default_parameters(dialect, tmp_path):
     file = tmp_path / "kept.json"
     master = start(dialect, file)
     change(master, b"VI_MASS", 3.5)
@@ -79,7 +79,7 @@ def test_a_reset_forgets_them(dialect, tmp_path):
     assert tree(file)["vehicle"].inner.mass == 2.6
 
 
-def test_it_is_refused_while_armed_without_a_file_and_where_it_can_not_be_written(dialect, tmp_path):
+def test_store_is_refused_while_armed_or_without_writable_file(dialect, tmp_path):
     file = tmp_path / "kept.json"
     master = start(dialect, file)
     change(master, b"VI_MASS", 3.5)
@@ -92,7 +92,7 @@ def test_it_is_refused_while_armed_without_a_file_and_where_it_can_not_be_writte
     assert command(start(dialect, tmp_path / "no" / "folder.json"), STORAGE, WRITE) == FAILED
 
 
-def test_a_fault_is_of_one_flight(tmp_path):
+def test_fault_parameters_are_not_stored(tmp_path):
     file = tmp_path / "kept.json"
     store = ParameterStore(file, "a", setting_path)
     assert store.write({"world.sensors.imu.fault.kind": [3.0], "world.sensors.imu.inner.bias": [0.1, 0.2, 0.3]}) == ""
@@ -100,7 +100,7 @@ def test_a_fault_is_of_one_flight(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"scenario": "a"}', '{"scenario": "a", "parameters": 3}', '"x"'])
-def test_a_damaged_file_is_refused_by_name(tmp_path, text):
+def test_rejects_damaged_parameter_file_by_name(tmp_path, text):
     file = tmp_path / "kept.json"
     file.write_text(text)
     with pytest.raises(InputError, match=r"kept\.json.* cannot be read"):
@@ -109,7 +109,7 @@ def test_a_damaged_file_is_refused_by_name(tmp_path, text):
     assert file.read_text() == text
 
 
-def test_a_file_of_another_scenario_is_refused(tmp_path):
+def test_rejects_parameter_file_of_another_scenario(tmp_path):
     file = tmp_path / "kept.json"
     ParameterStore(file, "b").write({"world.vehicle.mass": [3.0]})
     with pytest.raises(InputError, match="belong to the scenario 'b', not to 'a'"):

@@ -1,4 +1,4 @@
-"""A pilot at a console, whose end of the line this test holds: a vehicle in a thread, an autopilot, a loopback line."""
+"""A pilot at a console played by the test, a vehicle in a thread, and an autopilot over a loopback link."""
 
 import json
 import socket
@@ -29,7 +29,7 @@ GAIN = "autopilot.law.k1"
 
 
 class Page:
-    """What a console's server would be to the flight: it reads rows and messages, and sends wishes."""
+    """The console's server as seen by the flight: reads rows and messages, and sends requests."""
 
     def __init__(self):
         self.own, self.other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -41,7 +41,7 @@ class Page:
         self.own.send(b"j" + json.dumps({"type": kind, **content}).encode())
 
     def read(self):
-        """What has come within 50 ms; the stick, where this page has it, is moved meanwhile."""
+        """Read the data of the next 50 ms. Send the stick position if this page holds the stick."""
         if self.has_stick:
             self.send("stick", pilot=1, forward=self.forward, turn=0.0, mode=1, clock=time.monotonic())
         try:
@@ -60,7 +60,7 @@ class Page:
             self.read()
 
     def arm(self, is_armed, id):
-        """Ask to arm, and again each second: on a busy machine a check fails now and then, and with it the wish."""
+        """Request arming each second until armed. On a busy machine a check may fail and refuse a request."""
         due, end = 0.0, time.monotonic() + PATIENCE
         while not is_armed():
             now = time.monotonic()
@@ -78,7 +78,7 @@ class Page:
 
 
 class PausedLine(ConsoleLine):
-    """The line to the console. While it is paused, requests wait in the socket."""
+    """Link to the console. While paused, requests wait in the socket."""
 
     is_paused = False
 
@@ -88,7 +88,7 @@ class PausedLine(ConsoleLine):
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """One flight: armed by the pilot, driven by the stick, a gain changed, the stick let go, at last stopped."""
+    """One flight: armed by the pilot, driven by the stick, a gain changed, the stick released, stopped."""
     found = catalogue.load_scenario("hovercraft/pilot", {"stick": "console", "supervisor": "automatic"})[0]
     scenario = replace(found, failsafe=replace(found.failsafe, timeout=seconds(8), age_max=8.0))
     folder, page = tmp_path_factory.mktemp("piloted"), Page()
@@ -148,12 +148,12 @@ def flown(tmp_path_factory):
     return SimpleNamespace(page=page, log=log, held=held, flight=flight[0])
 
 
-def test_the_vehicle_waits_for_its_pilot(flown):
+def test_vehicle_stays_disarmed_until_the_pilot_arms(flown):
     assert flown.held == 0
     assert "the vehicle was never armed" not in flown.flight.problems
 
 
-def test_the_stick_moved_it_and_the_log_has_the_stick(flown):
+def test_stick_moves_the_vehicle_and_is_logged(flown):
     log = flown.log
     assert log["downlink.stick.value.forward"].max() == 1.0
     assert log["downlink.stick.value.mode"][-1] == 1
@@ -162,7 +162,7 @@ def test_the_stick_moved_it_and_the_log_has_the_stick(flown):
     assert log["estimate.state.surge_velocity"].max() > 0.3
 
 
-def test_a_gain_is_changed_within_its_bounds_and_the_change_is_in_the_log(flown):
+def test_gain_change_within_bounds_is_applied_and_logged(flown):
     good, bad, unknown = (flown.page.answer(k) for k in (7, 8, 9))
     assert (good["ok"], bad["ok"], unknown["ok"]) == (True, False, False)
     assert "must be" in bad["text"]
@@ -172,14 +172,14 @@ def test_a_gain_is_changed_within_its_bounds_and_the_change_is_in_the_log(flown)
     assert values[:2] == [1.7, 1.7]
 
 
-def test_of_two_requests_in_one_period_the_second_is_refused(flown):
-    """A step takes one: the other would be lost, and nobody would know."""
+def test_second_request_in_one_period_is_refused(flown):
+    """A step takes one request. The other one would be lost without a report."""
     first, second = (flown.page.answer(k) for k in (10, 12))
     assert (first["ok"], second["ok"]) == (True, False)
     assert "try again" in second["text"]
 
 
-def test_a_silent_stick_holds_then_ends(flown):
+def test_stick_timeout_holds_then_ends_the_flight(flown):
     told = [e["text"] for e in flown.log.metadata["events"]]
     hold = next(k for k, text in enumerate(told) if "supervisor: hold: hold request" in text)
     end = next(k for k, text in enumerate(told) if "flight ended" in text)
@@ -188,12 +188,12 @@ def test_a_silent_stick_holds_then_ends(flown):
     assert times[end] - times[hold] == pytest.approx(2.5, abs=0.5)
 
 
-def test_the_same_frames_give_the_same_commands_to_the_bit(flown):
+def test_replayed_frames_give_bit_identical_commands(flown):
     found = replay(flown.log, rebuild_scenario(flown.log), backend="c")
     assert (found.exact, found.equal, found.first) == (True, True, None)
 
 
-def test_timing_and_latency_are_told(flown):
+def test_timing_and_stick_latency_are_sent_to_console(flown):
     timing = [m for m in flown.page.messages if m["type"] == "timing"]
     assert timing
     deadlines = timing[-1]["deadlines"]

@@ -1,4 +1,4 @@
-"""A vehicle's checks before arming, its fence, and what it asks for after a failsafe: instant by instant."""
+"""A vehicle's checks before arming, its fence, and the conditions for rearming after a failsafe."""
 
 import math
 import re
@@ -23,7 +23,7 @@ WORD = "world.sensors.navigation.fault.kind"
 
 
 class Craft:
-    """A vehicle whose time the test moves: its sensors measure, frames come, and its guard looks at them."""
+    """A vehicle whose time the test advances, with its sensors, received frames and arming guard."""
 
     def __init__(self, vehicle):
         self.vehicle, self.body, self.counts = vehicle, vehicle.body, FrameCounts()
@@ -31,7 +31,7 @@ class Craft:
         self.limit()
 
     def limit(self, **limits):
-        """Watch these limits from now on."""
+        """Use these limits from now on."""
         rules, silence = self.vehicle.duties.failsafe, lambda now: None
         self.guard = ArmingGuard(self.body, VehicleLimits(**limits), rules, self.counts, silence)
 
@@ -39,7 +39,7 @@ class Craft:
         self.body.world.parameters[WORD].flat[0] = WORDS.index(word)
 
     def run(self, duration, mode="disarmed"):
-        """Go on; held, so that its true state stays: sliding and turning."""
+        """Advance the time. The vehicle is held, so that it keeps sliding and turning."""
         end = self.body.t + duration
         for t in self.instants:
             self.body.advance(t, fresh=True, is_held=True)
@@ -68,13 +68,13 @@ def craft(compiled):
     return compiled
 
 
-def test_before_the_checks_have_run_nothing_may_be_armed(craft):
+def test_arming_is_refused_before_checks_have_run(craft):
     craft.guard.checks = []
     assert craft.guard.problem == "the checks have not run yet"
 
 
 @pytest.mark.thorough
-def test_a_well_vehicle_may_be_armed_and_says_what_it_looked_at(craft):
+def test_healthy_vehicle_may_be_armed_and_lists_its_checks(craft):
     assert (craft.guard.problem, craft.guard.confirmation_problem) == ("", "")
     names = [c.name for c in craft.guard.checks]
     assert names[:2] == ["navigation age", "sensor values not finite"]
@@ -83,8 +83,8 @@ def test_a_well_vehicle_may_be_armed_and_says_what_it_looked_at(craft):
 
 
 @pytest.mark.thorough
-def test_with_its_only_sensor_off_it_is_refused_with_the_reason(craft):
-    """It was armed, and the page promised a refusal."""
+def test_arming_is_refused_while_the_only_sensor_is_off(craft):
+    """Regression: the vehicle was armed, although the documentation promised a refusal."""
     craft.set_fault("off")
     craft.run(seconds("0.2"))
     assert craft.guard.problem == ""
@@ -97,8 +97,8 @@ def test_with_its_only_sensor_off_it_is_refused_with_the_reason(craft):
     assert craft.guard.problem == ""
 
 
-def test_a_sensor_that_gives_seldom_may_be_old(craft):
-    """The fixes of an ultrasonic network come once a second, though somebody looks each millisecond."""
+def test_sensor_age_limit_adapts_to_the_sensor_period(craft):
+    """Fixes of an ultrasonic network arrive once a second, and are checked each millisecond."""
     outputs, writes = craft.body.world.outputs, craft.body.world.writes
     t = craft.body.t
     for k in range(1, 6):
@@ -111,7 +111,7 @@ def test_a_sensor_that_gives_seldom_may_be_old(craft):
     assert craft.guard._sensors["navigation"].limit == pytest.approx(0.28)
 
 
-def test_a_sensor_that_gives_no_numbers_is_refused(craft):
+def test_arming_is_refused_for_nan_sensor_values(craft):
     craft.body.world.outputs[craft.body.world.writes["downlink.navigation.value.yaw_rate"]] = math.nan
     craft.guard.follow(craft.body.t + ms(200), "disarmed")
     assert craft.guard.problem.startswith("sensor values not finite: 1, at most 0; ")
@@ -119,8 +119,8 @@ def test_a_sensor_that_gives_no_numbers_is_refused(craft):
     assert craft.guard.problem == ""
 
 
-def test_after_a_failsafe_it_must_rest_and_be_confirmed(craft):
-    """The scenario's craft slides and spins, and it is held so: it had been armed again as it was."""
+def test_rearming_after_failsafe_needs_rest_and_confirmation(craft):
+    """The craft is held in a sliding and spinning state. Regression: it was armed again in that state."""
     craft.run(ms(7))
     craft.run(ms(1), "failsafe")  # in that very millisecond: a station had armed it before the next look
     assert craft.guard.problem
@@ -138,7 +138,7 @@ def test_after_a_failsafe_it_must_rest_and_be_confirmed(craft):
     assert (craft.guard.problem, craft.guard.confirmation_problem) == ("", "")
 
 
-def test_what_lies_still_may_be_armed_again(craft):
+def test_vehicle_at_rest_may_be_rearmed_after_failsafe(craft):
     craft.limit(rest_speed=100.0, rest_rate=100.0)
     craft.guard.confirmed = frozenset(("limits.rest_speed", "limits.rest_rate"))
     craft.run(ms(300), "failsafe")
@@ -149,7 +149,7 @@ def test_what_lies_still_may_be_armed_again(craft):
     assert 0 < craft.check("speed after failsafe").value < 5
 
 
-def test_beyond_its_envelope_for_long_enough_it_says_so(craft):
+def test_envelope_breach_is_reported_after_its_patience(craft):
     craft.limit(rate=0.5)
     craft.guard.find_breach(craft.body.t)
     craft.run(ms(50))
@@ -164,13 +164,13 @@ def test_beyond_its_envelope_for_long_enough_it_says_so(craft):
     assert "rate not known, no data from navigation for " in craft.guard.find_breach(craft.body.t).text
 
 
-def test_a_limit_that_no_sensor_can_tell_is_refused(craft):
+def test_rejects_limit_that_no_sensor_measures(craft):
     with pytest.raises(InputError, match="no sensor of this vehicle measures the distance") as refused:
         craft.limit(distance=5.0)
     assert refused.value.choices == ("speed", "rate")
 
 
-def test_loss_is_of_lately_and_begins_with_the_first_frame():
+def test_frame_loss_covers_recent_frames_only():
     counts = FrameCounts(accepted=100, lost=900)
     loss = FrameLoss(counts)
     for k in range(60):  # a frame each 10 ms, three of four are lost from the 30th on

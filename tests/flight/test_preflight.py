@@ -1,4 +1,4 @@
-"""What `fly` looks at before it asks a vehicle to arm: alone with a vehicle that a test plays, and with a whole one."""
+"""Checks of `fly` before it requests arming, with a vehicle played by the test and with a virtual vehicle."""
 
 import re
 
@@ -25,7 +25,7 @@ CONFIRMATION = ArmingCheck("confirmation", 0, 1, "", "type --rearm at fly", at_l
 
 
 class Flyer:
-    """An autopilot that has heard a well vehicle's samples, and a vehicle that tells its checks."""
+    """An autopilot that has received a healthy vehicle's samples, and a vehicle that sends its checks."""
 
     def __init__(self, live):
         self.live, self.now = live, 0
@@ -39,7 +39,7 @@ class Flyer:
             step.outputs[step.writes[path]] = value
 
     def run(self, duration, *checks):
-        """Go on; the vehicle answers each question. Whether the vehicle may be asked to arm, at the end."""
+        """Advance the time, with a vehicle that answers each request. Return True if arming may be requested."""
         may_arm = False
         for _ in range(0, duration, ms(10)):
             self.now += ms(10)
@@ -65,7 +65,7 @@ def flyer(live):
     return Flyer(live)
 
 
-def test_all_well_it_may_be_armed_within_half_a_second(flyer):
+def test_healthy_vehicle_may_be_armed_within_half_a_second(flyer):
     assert flyer.run(ms(500), WELL)
     assert (flyer.preflight.refusal, flyer.preflight.obstacle) == ("", "")
     lines = flyer.preflight.table.splitlines()
@@ -74,7 +74,7 @@ def test_all_well_it_may_be_armed_within_half_a_second(flyer):
     assert [c["name"] for c in flyer.preflight.describe_checks()][:2] == ["navigation age", "estimate valid"]
 
 
-def test_nothing_is_armed_on_an_estimate_that_is_not_valid(flyer):
+def test_arming_is_refused_while_estimate_is_invalid(flyer):
     step = flyer.live.autopilot_end.step
     step.outputs[step.writes["estimate.valid"]] = 0
     assert not flyer.run(seconds(3), WELL)
@@ -84,7 +84,7 @@ def test_nothing_is_armed_on_an_estimate_that_is_not_valid(flyer):
     assert flyer.preflight.refusal == f"arming refused: {flyer.preflight.obstacle}"
 
 
-def test_what_is_waited_for_is_said_once_and_the_table_when_it_is_decided(flyer):
+def test_obstacle_is_reported_once_and_table_at_decision(flyer):
     said = []
     for _ in range(3):
         flyer.run(seconds(1), WELL._replace(value=9.0))
@@ -96,13 +96,13 @@ def test_what_is_waited_for_is_said_once_and_the_table_when_it_is_decided(flyer)
     assert said[1:] == flyer.preflight.table.splitlines()
 
 
-def test_a_vehicle_that_says_nothing_of_its_checks_is_armed_as_before(flyer):
+def test_vehicle_that_reports_no_checks_may_be_armed(flyer):
     assert not flyer.run(seconds(1))
     flyer.live.remote.checks.handle_refusal()
     assert flyer.run(seconds(1))
 
 
-def test_what_a_person_has_to_confirm_is_refused_at_once_and_flown_with_the_option(live):
+def test_arming_is_refused_until_required_confirmation_is_given(live):
     flyer = Flyer(live)
     assert not flyer.run(seconds(1), WELL, CONFIRMATION)
     assert flyer.preflight.refusal == "arming refused: confirmation: 0, at least 1; type --rearm at fly"
@@ -113,8 +113,8 @@ def test_what_a_person_has_to_confirm_is_refused_at_once_and_flown_with_the_opti
 
 
 @pytest.mark.thorough
-def test_with_the_only_sensor_off_a_whole_vehicle_is_not_armed_and_all_are_told_why():
-    """It had been armed: pilot, ground station and both logs get the same sentence now."""
+def test_arming_without_sensor_is_refused_and_reported_everywhere():
+    """Pilot, ground station and both logs get the same sentence. Regression: the vehicle was armed."""
     scenario = build("hovercraft/zero-velocity", {})
     pair = VirtualPair(scenario)
 
@@ -138,8 +138,8 @@ def test_with_the_only_sensor_off_a_whole_vehicle_is_not_armed_and_all_are_told_
     assert f"autopilot: {sentence}" in there
 
 
-def test_a_station_that_changes_a_setting_while_the_checks_run_prevents_the_flight():
-    """The autopilot had compared the settings before, and the vehicle flew with another mass."""
+def test_setting_changed_during_checks_prevents_arming():
+    """Regression: settings were compared before the change, and the vehicle flew with another mass."""
     pair = VirtualPair(build("hovercraft/zero-velocity", {}))
     pair.start_vehicle()
 
@@ -158,8 +158,8 @@ def test_a_station_that_changes_a_setting_while_the_checks_run_prevents_the_flig
     assert "settings that differ: 1, at most 0; --accept world.vehicle.mass" in pair.flying.result.problems[0]
 
 
-def test_a_setting_that_changes_while_the_vehicle_is_asked_to_arm_prevents_the_flight():
-    """The vehicle refused once. Then the autopilot read the new settings, and asked again with their number."""
+def test_setting_changed_during_arming_request_prevents_arming():
+    """Regression: the vehicle refused once. Then the autopilot read the new settings and used their number."""
     pair = VirtualPair(build("hovercraft/zero-velocity", {}))
     pair.start_vehicle()
 

@@ -1,4 +1,4 @@
-"""Vehicle and autopilot in step over virtual Bluetooth: RFCOMM, L2CAP and HCI of a whole stack carry the flight."""
+"""Vehicle and autopilot in lockstep over virtual Bluetooth with RFCOMM, L2CAP and HCI of a full stack."""
 
 import pytest
 
@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is No
 URI = f"rfcomm://{VEHICLE}/1"
 
 
-def test_a_flight_over_virtual_radios_is_the_simulation(tmp_path):
+def test_lockstep_over_virtual_bluetooth_matches_simulation(tmp_path):
     scenario, _ = catalogue.load_scenario("hovercraft/forward")
     scenario = replace(scenario, duration=seconds("0.5"))
     radios = Radios()

@@ -1,4 +1,4 @@
-"""What became of the deadlines, told from the times given."""
+"""Statistics of deadlines, from given times."""
 
 import gc
 import os
@@ -22,8 +22,8 @@ class HandClock:
         return self.busy
 
 
-def test_overruns_are_put_down_to_their_cause():
-    """Period k woke `late` and worked for `work` periods, of which the thread was busy for `busy`."""
+def test_overruns_are_attributed_to_their_cause():
+    """Each period wakes `late` periods late and takes `work` periods, of which the thread is busy for `busy`."""
     clock = HandClock()
     kept = Deadlines(ms(1), clock)
     period = ms(1) * NS
@@ -65,7 +65,7 @@ def test_deadlines_do_not_drift():
 
 
 @pytest.mark.parametrize(("late", "passed"), [(0.499, 0), (0.5, 500), (1.2345, 1234)])
-def test_a_loop_that_stood_still_passes_over_periods(late, passed):
+def test_stalled_loop_skips_missed_periods(late, passed):
     clock = HandClock()
     kept = Deadlines(ms(1), clock)
     clock.now = round((0.01 + late) * 1e9)
@@ -73,7 +73,7 @@ def test_a_loop_that_stood_still_passes_over_periods(late, passed):
 
 
 @pytest.mark.real_time
-def test_what_was_granted_is_given_back():
+def test_scheduler_and_garbage_collector_are_restored():
     before = os.sched_getscheduler(0)
     with real_time(False) as granted:
         assert granted == ("ordinary", False)

@@ -1,4 +1,4 @@
-"""Wrong key, clock, scenario and owner: four sentences, and what each says flies, in one step. In virtual time."""
+"""Wrong key, clock, scenario and owner: each error suggests a command that then flies. In virtual time."""
 
 import json
 import shutil
@@ -20,7 +20,7 @@ NOW = int((UNIX_START - EPOCH) * PER_SECOND)
 
 
 class Ends:
-    """A vehicle that waits, and autopilots that are started against it, each with a folder of its own keys."""
+    """A waiting vehicle, and autopilots started against it, each with its own folder of keys."""
 
     def __init__(self, folder, *options):
         self.folder, self.programs = folder, VirtualPrograms(folder)
@@ -58,12 +58,12 @@ def ends(tmp_path):
 
 
 def fix(ended):
-    """What the message says to type."""
+    """Command suggested by the message."""
     return ended.said.partition("Fix: ")[2].strip()
 
 
 @pytest.mark.thorough
-def test_four_sentences_and_one_step_from_each(ends):
+def test_suggested_fix_of_each_refusal_makes_it_fly(ends):
     other = create_key(ends.folder / "other.key")
     refused = ends.fly("key", "--key", str(other.path))
     assert refused.status == 2
@@ -96,7 +96,7 @@ def test_four_sentences_and_one_step_from_each(ends):
     assert "the clock of 1/191 is 8" in ended.said
 
 
-def test_a_vehicle_whose_clock_was_a_day_ahead_once_is_flown_by_its_clock_or_reset(tmp_path):
+def test_vehicle_clock_once_ahead_is_followed_or_reset(tmp_path):
     make_key(tmp_path)
     store = tmp_path / "config" / "keys" / "hovercraft.key.1-1-0.time"
     store.write_text(f"{NOW + 86_400 * PER_SECOND:0{DIGITS}d}\n")
@@ -119,7 +119,7 @@ def test_a_vehicle_whose_clock_was_a_day_ahead_once_is_flown_by_its_clock_or_res
 
 
 @pytest.mark.thorough
-def test_of_two_autopilots_one_flies_and_the_other_takes_over_only_where_it_asks(ends):
+def test_second_autopilot_takes_over_only_on_request(ends):
     first = ends.start("first", "--duration", "60 s")
     ends.vehicle.wait_for("commanded by")
     second = ends.fly("second")

@@ -1,4 +1,4 @@
-"""The autopilot's view of a vehicle, told message by message, with a clock that the test moves."""
+"""The autopilot's view of a vehicle, message by message, with a clock set by the test."""
 
 import itertools
 
@@ -27,7 +27,7 @@ AHEAD = 5_000_000_000
 
 
 class Line:
-    """A vehicle that answers as told, and the remote end that it is seen by."""
+    """A vehicle whose answers the test controls, and the RemoteVehicle that receives them."""
 
     def __init__(self, of=DIALECT, settings=None):
         both = ends(DIALECT)
@@ -47,7 +47,7 @@ class Line:
         self.hear("HEARTBEAT", sender, base_mode=ARMED * armed, autopilot=autopilot)
 
     def run(self, duration, *, ahead=AHEAD):
-        """Time goes on, millisecond by millisecond; the vehicle answers questions for time and version."""
+        """Advance the time by milliseconds. The vehicle answers requests for time and version."""
         for _ in range(0, duration, ms(1)):
             self.now += ms(1)
             self.remote.due(self.now)
@@ -75,7 +75,7 @@ def ready():
     return line
 
 
-def test_it_is_ready_when_it_beats_its_clock_is_known_and_its_messages_fit():
+def test_vehicle_is_ready_after_heartbeat_and_clock_sync():
     line = Line()
     assert "no vehicle answers" in line.remote.find_problem("a/b").problem
     line.run(ms(300))
@@ -90,7 +90,7 @@ def test_it_is_ready_when_it_beats_its_clock_is_known_and_its_messages_fit():
     assert line.remote.clock.sync.to_local(line.now + AHEAD) == line.now
 
 
-def test_a_vehicle_with_other_sensors_is_refused_by_its_fingerprint():
+def test_rejects_vehicle_with_different_dialect_fingerprint():
     line = Line(OTHER)
     line.beat()
     line.run(ms(600))
@@ -100,7 +100,7 @@ def test_a_vehicle_with_other_sensors_is_refused_by_its_fingerprint():
 
 
 @pytest.mark.parametrize("how", ["refused", "silent"])
-def test_a_vehicle_that_knows_no_fingerprint_is_flown_nevertheless(how):
+def test_vehicle_without_fingerprint_is_accepted(how):
     line = Line()
     line.answers = False
     line.beat()
@@ -113,7 +113,7 @@ def test_a_vehicle_that_knows_no_fingerprint_is_flown_nevertheless(how):
     assert line.remote.is_ready
 
 
-def test_wrong_keys_are_named():
+def test_unsigned_frames_and_wrong_keys_are_distinguished():
     line = Line()
     line.link.heard = 3
     stranger = Endpoint(DIALECT, 1, 1, unsigned=True)
@@ -126,7 +126,7 @@ def test_wrong_keys_are_named():
     assert "another key than this end" in line.remote.find_problem("a/b").problem
 
 
-def test_it_asks_to_arm_until_that_is_answered():
+def test_arming_request_repeats_until_acknowledged():
     line = ready()
     line.remote.arming.arm()
     line.run(ms(1200))
@@ -156,7 +156,7 @@ def test_it_asks_to_arm_until_that_is_answered():
     assert len(line.arms()) == 6
 
 
-def test_a_vehicle_that_somebody_has_armed_is_asked_whose_it_is():
+def test_authority_over_armed_vehicle_needs_own_acknowledgement():
     line = ready()
     line.beat(armed=True)
     line.remote.arming.arm()
@@ -175,7 +175,7 @@ def test_a_vehicle_that_somebody_has_armed_is_asked_whose_it_is():
 
 
 @pytest.mark.parametrize("mass", ["2.6", "3.0"])
-def test_settings_of_a_vehicle_in_flight_are_compared_before_it_is_taken_over(mass):
+def test_settings_are_compared_before_taking_over_a_flight(mass):
     line = Line(settings={"world.vehicle.mass": mass})
     line.beat(armed=True)
     line.run(ms(900))
@@ -183,8 +183,8 @@ def test_settings_of_a_vehicle_in_flight_are_compared_before_it_is_taken_over(ma
     assert line.remote.comparison.misfit == ("" if mass == "2.6" else "wrong scenario")
 
 
-def test_ground_stations_and_other_vehicles_are_not_taken_for_it():
-    """Some ground stations say in their heartbeats that they are armed."""
+def test_other_senders_are_not_taken_for_the_vehicle():
+    """Some ground stations set the armed flag in their heartbeats."""
     line = ready()
     station, second = Endpoint(DIALECT, 255, 190, KEY), Endpoint(DIALECT, 2, 1, KEY)
     line.beat(armed=True, sender=station, autopilot=8)
@@ -199,7 +199,7 @@ def test_ground_stations_and_other_vehicles_are_not_taken_for_it():
     assert (line.said, line.remote.comparison.misfit) == ([], "")
 
 
-def test_a_vehicle_that_was_started_anew_is_told_and_its_clock_found_again():
+def test_vehicle_reboot_is_reported_and_its_clock_resynchronised():
     line = ready()
     line.beat(armed=True)
     line.run(seconds(3))
@@ -209,8 +209,8 @@ def test_a_vehicle_that_was_started_anew_is_told_and_its_clock_found_again():
     assert abs(line.remote.clock.offset(line.now) + 1000) <= 1
 
 
-def test_an_offset_that_changes_a_little_turns_and_does_not_jump():
-    """Samples that are 40 ms old come all the time: their times rise, and so do those of commands."""
+def test_small_clock_offset_changes_are_slewed_not_stepped():
+    """Samples that are 40 ms old arrive continuously. Their times and those of commands increase."""
     line = ready()
     line.remote.clock.sync.to_local(line.now + AHEAD - ms(40))
     before = line.remote.clock.offset(line.now)
@@ -226,7 +226,7 @@ def test_an_offset_that_changes_a_little_turns_and_does_not_jump():
     assert applied[-1] - before > 1000
 
 
-def test_texts_reach_people_without_what_would_command_their_terminal():
+def test_control_characters_in_vehicle_texts_are_replaced():
     line = ready()
     line.hear("STATUSTEXT", text="failsafe: no command\x1b[2J\nx")
     assert line.said == ["vehicle: failsafe: no command?[2J?x"]
@@ -236,7 +236,7 @@ GOTO, LAND, ACK = 252, 21, "COMMAND_ACK"
 
 
 def asked(line, command, first=0.0, *, to=191, sender=None):
-    """Pass a request on; the results that are answered."""
+    """Forward a request. Return the results answered."""
     line.link.sent.clear()
     fields = {"command": command, "param1": first, "target_system": 1, "target_component": to}
     line.hear("COMMAND_LONG", sender, **fields)
@@ -244,7 +244,7 @@ def asked(line, command, first=0.0, *, to=191, sender=None):
     return [m.get("result") for m in messages if m.name == ACK]
 
 
-def test_what_the_vehicle_passes_on_is_kept_for_the_supervisor_and_answered():
+def test_forwarded_requests_are_queued_for_supervisor_and_acknowledged():
     line = ready()
     assert asked(line, GOTO) == [CommandResult.UNSUPPORTED]  # no supervisor
     line.remote.requests.mode = 1
@@ -257,7 +257,7 @@ def test_what_the_vehicle_passes_on_is_kept_for_the_supervisor_and_answered():
     assert list(line.remote.requests.pending) == ["hold", "resume", "end"]
 
 
-def test_its_heartbeats_tell_the_supervisors_mode_at_once():
+def test_heartbeat_sends_a_new_supervisor_mode_at_once():
     line = ready()
     found = []
     for mode in (None, 1, 1, 2):
@@ -271,13 +271,13 @@ def test_its_heartbeats_tell_the_supervisors_mode_at_once():
     assert found == [(1, 1), (1, 2)]
 
 
-def test_what_is_accepted_covers_what_lies_below_and_never_the_messages():
+def test_accepted_path_covers_its_children_but_never_messages():
     remote = RemoteVehicle(Endpoint(DIALECT, 1, 191, KEY), Link(), accepts=["world.vehicle", "messages"])
     paths = ("world.vehicle", "world.vehicle.mass", "world.vehicles", "world", "messages")
     assert [remote.comparison.accepts(path) for path in paths] == [True, True, False, False, False]
 
 
-def test_a_failsafe_of_its_own_flight_is_a_problem_also_when_it_is_over():
+def test_past_failsafe_of_own_flight_is_a_problem():
     line = ready()
     line.beat()
     line.hear("HEARTBEAT", base_mode=0, autopilot=0, system_status=State.CRITICAL)
@@ -289,8 +289,8 @@ def test_a_failsafe_of_its_own_flight_is_a_problem_also_when_it_is_over():
     assert "no data from the vehicle at the end" in line.remote.arming.list_problems(True, True, line.now)
 
 
-def test_a_vehicle_that_ends_when_the_flight_does_is_no_problem_and_one_that_ends_before_or_is_disarmed_is():
-    """Both ends were given the same length, and the vehicle's clock began a little earlier."""
+def test_only_early_vehicle_end_or_disarm_is_a_problem():
+    """Both ends have the same duration, and the vehicle's clock started a little earlier."""
     for state, after, wanted in ((State.POWEROFF, 100, []), (State.POWEROFF, 1100, [NOT_ARMED]), (3, 100, [NOT_ARMED])):
         line = ready()
         line.beat(armed=True)

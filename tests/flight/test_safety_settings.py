@@ -1,4 +1,4 @@
-"""Settings that weaken a safety keep a vehicle from being armed, unless they are confirmed by name."""
+"""Settings that weaken a safety function prevent arming unless they are confirmed by name."""
 
 import math
 
@@ -20,7 +20,7 @@ def failing(failsafe, limits, watchdog, confirmed=()):
     return [check.name for check in safety_checks(failsafe, limits, watchdog, confirmed) if not check.passes]
 
 
-def test_what_is_shipped_needs_no_confirmation():
+def test_default_settings_need_no_confirmation():
     assert failing(*SHIPPED) == []
     assert [check.name for check in safety_checks(*SHIPPED)] == list(LIMITS)
     assert failing(*SHIPPED[:2], None) == []  # no outputs' process, no watchdog
@@ -38,7 +38,7 @@ def test_what_is_shipped_needs_no_confirmation():
         ("limits.rest_rate", (SHIPPED[0], VehicleLimits(rest_rate=math.inf), SHIPPED[2])),
     ],
 )
-def test_a_setting_beyond_its_limit_is_refused_until_it_is_confirmed_by_its_name(name, changed):
+def test_setting_beyond_limit_fails_until_confirmed_by_name(name, changed):
     assert failing(*changed) == [name]
     (check,) = [check for check in safety_checks(*changed) if check.name == name]
     assert f"--confirm {name}" in check.sentence
@@ -48,7 +48,7 @@ def test_a_setting_beyond_its_limit_is_refused_until_it_is_confirmed_by_its_name
     assert failing(*changed, check_confirmations([other])) == [name]
 
 
-def test_a_name_that_needs_no_confirmation_is_refused_with_the_nearest():
+def test_rejects_unknown_confirmation_and_suggests_the_nearest():
     with pytest.raises(InputError, match=r"'failsafe.time' is not a setting(.|\n)*Fix: confirm=.failsafe.timeout"):
         check_confirmations(["failsafe.time"])
     done = CliRunner().invoke(main, ["vehicle", "hovercraft/spin", "--listen", "loopback://x", "--confirm", "fence"])

@@ -1,4 +1,4 @@
-"""What sensors say of a vehicle's motion: speeds, distances, means; over samples that the test writes."""
+"""A vehicle's motion measured by its sensors: speeds, distances, means, from samples set by the test."""
 
 import math
 from types import SimpleNamespace
@@ -42,7 +42,7 @@ def body():
     return body
 
 
-def test_a_quantity_is_the_length_of_what_a_sensor_gives(body):
+def test_motion_quantities_are_norms_of_sensor_values(body):
     motion = SensedMotion(body, VehicleLimits())
     values = {name: motion.value(name) for name in ("rate", "speed", "distance", "angle")}
     assert [values[n] for n in ("rate", "speed", "distance")] == pytest.approx([0.5, 5.0, 10.0])
@@ -52,7 +52,7 @@ def test_a_quantity_is_the_length_of_what_a_sensor_gives(body):
     assert math.isnan(motion.value("distance"))
 
 
-def test_a_limit_is_breached_for_its_patience_and_forgotten_inside(body):
+def test_breach_needs_patience_and_resets_inside_the_limit(body):
     motion = SensedMotion(body, VehicleLimits(distance=9.0, patience=ms(100)))
     assert motion.find_breach(0, {}) is None
     assert motion.find_breach(ms(99), {}) is None
@@ -65,7 +65,7 @@ def test_a_limit_is_breached_for_its_patience_and_forgotten_inside(body):
     assert motion.find_breach(ms(130), {"gps": 0.5}) == ("fence", "distance not known, no data from gps for 0.5 s")
 
 
-def test_rest_is_a_mean_over_its_time(body):
+def test_rest_is_mean_motion_over_the_rest_time(body):
     motion = SensedMotion(body, VehicleLimits(rest_time=seconds(1)))
     assert motion.mean_motion() == (math.inf, math.inf)
     for k in range(9):
@@ -77,7 +77,7 @@ def test_rest_is_a_mean_over_its_time(body):
     assert motion.mean_motion() == pytest.approx((5.0 * 6 / 11, 0.5))
 
 
-def test_of_a_vehicle_without_such_sensors_nothing_is_known():
+def test_mean_motion_is_nan_without_motion_sensors():
     body = Body()
     del body.samples["doppler"], body.samples["imu"]
     motion = SensedMotion(body, VehicleLimits())

@@ -1,4 +1,4 @@
-"""When it is said that nothing comes."""
+"""Reports of a silent link."""
 
 from types import SimpleNamespace
 
@@ -6,7 +6,7 @@ from trimtab.core.time import ms
 from trimtab.flight.silence import SILENCE, SilenceWatch
 
 
-def test_silence_is_told_once_and_so_is_its_end():
+def test_silence_and_its_end_are_each_reported_once():
     counts = SimpleNamespace(accepted=0)
     watch = SilenceWatch(counts)
     counts.accepted = 1
@@ -21,7 +21,7 @@ def test_silence_is_told_once_and_so_is_its_end():
     assert watch.length(ms(650)) == ms(50)
 
 
-def test_it_is_heard_while_frames_are_new_or_shortly_after():
+def test_link_is_alive_within_100_ms_of_a_frame():
     counts = SimpleNamespace(accepted=5)
     watch = SilenceWatch(counts)
     watch.update(ms(0))

@@ -1,4 +1,4 @@
-"""The supervisor of a compiled step: asked in the middle of a flight over frames that the test writes."""
+"""The supervisor of a compiled step: requests during a flight on frames set by the test."""
 
 from types import SimpleNamespace
 
@@ -26,7 +26,7 @@ def compiled(scenario):
 
 
 class Flight:
-    """Good samples each 6 ms, and what is asked."""
+    """A flight with valid samples each 6 ms and requests to the supervisor."""
 
     def __init__(self, scenario, step):
         step.reset()
@@ -34,7 +34,7 @@ class Flight:
         self.step, self.supervised, self.k = step, CompiledSupervisor(scenario, step), 0
 
     def fly(self, n):
-        """n periods; the modes, by name."""
+        """Fly n periods. Return the modes by name."""
         found = []
         for _ in range(n):
             t = self.k * ms(1)
@@ -56,7 +56,7 @@ def flight(scenario, compiled):
     return made
 
 
-def test_it_holds_goes_on_and_ends_as_it_is_asked_in_the_next_step(flight):
+def test_hold_resume_and_end_requests_act_in_next_step(flight):
     step, at = flight.step, flight.step.writes
     for request, mode in (("hold", "hold"), ("resume", "flying"), ("end", "ended")):
         flight.supervised.request(request)
@@ -67,7 +67,7 @@ def test_it_holds_goes_on_and_ends_as_it_is_asked_in_the_next_step(flight):
     assert step.outputs[at["command.valid"]] == 0
 
 
-def test_what_is_so_already_is_not_asked_again(flight):
+def test_repeated_requests_are_not_passed_on(flight):
     for _ in range(3):
         flight.supervised.request("hold")
         assert flight.fly(2) == ["hold", "hold"]
@@ -78,7 +78,7 @@ def test_what_is_so_already_is_not_asked_again(flight):
     assert flight.step.outputs[flight.step.writes["supervisor.refusals"]] == 0
 
 
-def test_news_are_told_once(flight):
+def test_mode_changes_are_reported_once(flight):
     assert flight.supervised.describe_changes() == "supervisor: flying: automatic"
     flight.supervised.request("hold")
     assert flight.supervised.describe_changes() == ""
@@ -87,7 +87,7 @@ def test_news_are_told_once(flight):
     assert flight.supervised.describe_changes() == ""
 
 
-def test_without_a_supervisor_it_can_not_be_asked():
+def test_requests_are_ignored_without_a_supervisor():
     scenario = add_pilot_sensor(catalogue.load_scenario("hovercraft/forward")[0])
     assert "pilot" not in scenario.world.sensors
     step = compile_autopilot(scenario)
@@ -103,8 +103,8 @@ def vehicle(*, armed=True, is_in_failsafe=False):
     return SimpleNamespace(arming=SimpleNamespace(armed=armed, is_in_failsafe=is_in_failsafe))
 
 
-def test_a_link_is_lost_only_where_nothing_is_heard(flight):
-    """A sensor whose time runs backwards, or that is off, had been a lost link."""
+def test_lost_link_report_mentions_data_still_received(flight):
+    """Regression: a sensor with backward time stamps, or switched off, was reported as a lost link."""
     step, supervised = flight.step, flight.supervised
     for k in range(260):
         step.set_inputs({"t": (20 + k) * ms(1), "samples.navigation.fresh": False})
@@ -117,7 +117,7 @@ def test_a_link_is_lost_only_where_nothing_is_heard(flight):
     assert explain_change(supervised, vehicle(), ["imu"], True) == heard + "time stamps of imu run backwards"
 
 
-def test_found_again_says_so_where_the_vehicle_stands_in_failsafe(flight):
+def test_recovered_link_report_mentions_failsafe_or_disarm(flight):
     supervised = flight.supervised
     assert explain_change(supervised, vehicle(armed=False), None, False) == ""  # it was never armed
     assert explain_change(supervised, vehicle(), None, True) == ""

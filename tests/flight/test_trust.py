@@ -1,4 +1,4 @@
-"""The page on trust: each test that it names is there; and what no other test holds of it."""
+"""The page on trust: the tests it names exist. Its claims without another test are tested here."""
 
 import ast
 import re
@@ -22,7 +22,7 @@ def named_tests():
     return re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", PAGE.read_text("utf-8"))
 
 
-def test_each_test_that_the_page_names_is_there():
+def test_each_test_named_on_the_page_exists():
     named = named_tests()
     assert len(named) > 25
     for file, name in named:
@@ -34,7 +34,7 @@ def test_each_test_that_the_page_names_is_there():
         assert name in functions, f"{file}::{name}"
 
 
-def test_each_row_of_the_page_names_one_or_says_that_nothing_guards():
+def test_each_row_names_a_test_or_is_unguarded():
     rows = [line for line in PAGE.read_text("utf-8").splitlines() if line.startswith("| ")]
     bodies = [row for row in rows if not row.startswith(("| code |", "| file |", "| file or process |", "| attack |"))]
     assert len(bodies) > 20
@@ -43,7 +43,7 @@ def test_each_row_of_the_page_names_one_or_says_that_nothing_guards():
 
 
 @pytest.mark.parametrize("system", ["os:abort", "evil:craft", "evil.py", "__import__('os').abort()"])
-def test_a_certificate_that_names_code_runs_none(system, tmp_path, monkeypatch):
+def test_certificate_naming_a_module_runs_no_code(system, tmp_path, monkeypatch):
     mark = tmp_path / "was-imported"
     (tmp_path / "evil.py").write_text(f"open({str(mark)!r}, 'w')\n", "ascii")
     monkeypatch.chdir(tmp_path)

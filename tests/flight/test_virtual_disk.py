@@ -1,4 +1,4 @@
-"""A log in memory holds what its file would hold; a full disk and a dead writer."""
+"""A log in memory equals a log file, also with a full disk and a dead writer."""
 
 from pathlib import Path
 
@@ -68,7 +68,7 @@ def test_memory_and_file_hold_the_same_log(scenario, tmp_path):
             assert on_disk.metadata[name] == in_memory.metadata[name]
 
 
-def test_a_row_that_is_not_later_is_counted_and_left_out(scenario):
+def test_row_with_repeated_time_is_skipped_and_counted(scenario):
     _, log, _ = open_memory_log(scenario)
     log.start_clock(0, SYSTEM_CLOCK)
     for t in (10_000, 20_000, 20_000, 30_000):
@@ -78,7 +78,7 @@ def test_a_row_that_is_not_later_is_counted_and_left_out(scenario):
     assert log.read().ticks.tolist() == [10_000, 20_000, 30_000]
 
 
-def test_a_full_disk_loses_rows_and_says_so(scenario):
+def test_full_disk_loses_rows_and_reports_the_gap(scenario):
     disk, log, said = open_memory_log(scenario)
     log.start_clock(0, SYSTEM_CLOCK)
     assert disk.free_bytes(Path("/")) > 1e9
@@ -96,7 +96,7 @@ def test_a_full_disk_loses_rows_and_says_so(scenario):
     assert said == [f"log: can't be written ({NO_SPACE}); the flight goes on, rows are counted"]
 
 
-def test_a_log_whose_program_was_killed_says_so(scenario):
+def test_log_of_a_killed_program_records_its_death(scenario):
     disk, log, _ = open_memory_log(scenario)
     log.start_clock(0, SYSTEM_CLOCK)
     log.write_row(10_000, (1, 0, 0.0))
@@ -109,7 +109,7 @@ def test_a_log_whose_program_was_killed_says_so(scenario):
     assert [e["text"] for e in kept.metadata["events"]] == ["the flying process is gone, without a word"]
 
 
-def test_a_dead_writer_keeps_what_it_had_written(scenario):
+def test_log_keeps_rows_written_before_writer_death(scenario):
     disk, log, _ = open_memory_log(scenario)
     log.start_clock(0, SYSTEM_CLOCK)
     log.write_row(10_000, (1, 0, 0.0))
@@ -123,7 +123,7 @@ def test_without_a_path_there_is_no_log(scenario):
     assert open_memory_log(scenario, None)[1] is None
 
 
-def test_rows_and_events_go_into_the_trace(scenario):
+def test_rows_and_events_change_the_digest(scenario):
     digests = set()
     for late in (0.0, 1e-12):
         disk, log, _ = open_memory_log(scenario)
@@ -160,7 +160,7 @@ def test_rows_wait_while_the_disk_hangs(scenario):
     assert len(kept.metadata["events"]) == 6
 
 
-def test_a_disk_that_hangs_for_good_keeps_what_it_had_taken(scenario):
+def test_disk_hanging_forever_keeps_only_earlier_rows(scenario):
     disk, log = hang_log(scenario, 5)
     assert log.close() is None
     assert log.unread_rows == 5

@@ -1,4 +1,4 @@
-"""A terminal that hangs holds up who writes to it, and nobody who hands lines to a queue."""
+"""A hanging terminal blocks programs that write to it directly, but not those that use a queue."""
 
 from trimtab.core.line_writer import CLOSE_S, ROOM
 from trimtab.flight.virtual_terminal import VirtualTerminal
@@ -12,7 +12,7 @@ def start():
     return time, clock, terminal, written, terminal.open_queue(written.append)
 
 
-def test_lines_wait_in_their_order_until_the_terminal_goes_on():
+def test_queued_lines_keep_order_until_the_terminal_resumes():
     time, _, terminal, written, lines = start()
     lines.put("a")
     terminal.hangs = True
@@ -38,7 +38,7 @@ def test_lines_that_do_not_fit_are_lost_and_counted():
     assert written == [str(k) for k in range(ROOM)]
 
 
-def test_settling_takes_no_longer_than_the_terminal_hangs():
+def test_settle_returns_when_the_terminal_resumes():
     time, _, terminal, written, lines = start()
     terminal.hangs = True
     lines.put("a")
@@ -48,7 +48,7 @@ def test_settling_takes_no_longer_than_the_terminal_hangs():
     assert 0.3 <= time.seconds < 0.31
 
 
-def test_a_program_that_writes_by_itself_stands_still():
+def test_direct_write_blocks_while_the_terminal_hangs():
     time, clock, terminal, _, _ = start()
     times = []
 

@@ -1,4 +1,4 @@
-"""Virtual time: order, freezing, killing, work, and one course of events from one seed."""
+"""Virtual time: order, freezing, killing, work, and reproducible events for each seed."""
 
 import random
 import time as wall
@@ -12,7 +12,7 @@ from trimtab.flight.virtual_time import KilledError, VirtualTime, VirtualTimeErr
 
 
 def sleeper(said, name, *waits):
-    """A program that waits, and says at which times it woke (s)."""
+    """A program that waits and records its wakeup times (s)."""
 
     def run(clock):
         for seconds in waits:
@@ -30,7 +30,7 @@ def test_programs_wake_in_the_order_of_their_deadlines():
     assert said == [("b", 0.1), ("a", 0.3), ("b", pytest.approx(0.3)), ("a", 0.6)]
 
 
-def test_of_one_instant_the_program_that_joined_first_wakes_first():
+def test_programs_due_together_wake_in_start_order():
     time, said = VirtualTime(1), []
     for name in "cab":
         time.start(name, sleeper(said, name, 1.0))
@@ -52,7 +52,7 @@ def test_time_stands_still_while_a_program_computes():
     assert (program.error, time.now) == (None, 0)
 
 
-def test_a_frozen_program_wakes_late_and_finds_what_arrived():
+def test_frozen_program_wakes_late_with_queued_packets():
     time = VirtualTime(1)
     network, woke = VirtualNetwork(time), []
 
@@ -78,7 +78,7 @@ def test_a_frozen_program_wakes_late_and_finds_what_arrived():
     assert woke == [(0.0002, [b"0"]), (1.05, [b"1", b"2"]), (1.55, [])]
 
 
-def test_a_program_that_is_thawed_goes_on():
+def test_thawed_program_resumes_at_once():
     time, said = VirtualTime(1), []
     program = time.start("a", sleeper(said, "a", 0.1, 0.1))
     time.call_at(0.05, lambda: time.freeze(program))
@@ -87,7 +87,7 @@ def test_a_program_that_is_thawed_goes_on():
     assert said == [("a", 0.72), ("a", pytest.approx(0.82))]
 
 
-def test_a_killed_program_sends_nothing_more_and_frees_its_address():
+def test_killed_program_stops_sending_and_frees_its_address():
     time = VirtualTime(1)
     network, heard = VirtualNetwork(time), []
     network.answer_at(Host("ear", 5), lambda data, _: heard.append(data))
@@ -117,7 +117,7 @@ def test_a_killed_program_sends_nothing_more_and_frees_its_address():
     assert second.clock._boot == first.clock._boot
 
 
-def test_own_work_takes_processor_time_and_waiting_takes_none():
+def test_only_busy_work_consumes_processor_time():
     time, seen = VirtualTime(1), []
 
     def run(clock):
@@ -132,7 +132,7 @@ def test_own_work_takes_processor_time_and_waiting_takes_none():
     assert seen == [400_000_000, 300_000_000]
 
 
-def test_a_stepped_wall_clock_leaves_the_monotonic_one():
+def test_wall_clock_step_leaves_monotonic_clock_unchanged():
     time, seen = VirtualTime(1), []
 
     def run(clock):
@@ -146,7 +146,7 @@ def test_a_stepped_wall_clock_leaves_the_monotonic_one():
     assert seen == [pytest.approx(-3599.0), 1_000_000_000]
 
 
-def test_each_machine_was_booted_at_another_time():
+def test_machines_have_different_boot_times():
     time, seen = VirtualTime(1), []
     for name in "ab":
         time.start(name, lambda clock: seen.append(clock.monotonic_ns()))
@@ -154,7 +154,7 @@ def test_each_machine_was_booted_at_another_time():
     assert seen[0] != seen[1]
 
 
-def test_two_machines_have_slightly_different_wall_clocks_and_programs_of_one_machine_share_it():
+def test_wall_clocks_differ_between_machines_not_within_one():
     time, said = VirtualTime(1), {}
 
     def look(name):
@@ -169,7 +169,7 @@ def test_two_machines_have_slightly_different_wall_clocks_and_programs_of_one_ma
     assert said["beside"][1] == said["there"][1]
 
 
-def test_reports_who_waits_when_nobody_can_wake():
+def test_deadlock_error_names_the_waiting_programs():
     time = VirtualTime(1)
     network = VirtualNetwork(time)
 
@@ -202,7 +202,7 @@ def test_errors_of_an_action_end_the_run():
         time.run()
 
 
-def test_programs_that_nobody_awaits_are_killed_at_the_end():
+def test_background_programs_are_killed_at_the_end():
     time = VirtualTime(1)
 
     def forever(clock):
@@ -214,7 +214,7 @@ def test_programs_that_nobody_awaits_are_killed_at_the_end():
     assert (attacker.exit_reason, time.seconds) == ("killed", 1.0)
 
 
-def test_a_closed_pair_is_seen_at_the_other_end():
+def test_closed_socket_pair_is_seen_at_other_end():
     time = VirtualTime(1)
     network, seen = VirtualNetwork(time), []
 
@@ -240,7 +240,7 @@ def test_a_closed_pair_is_seen_at_the_other_end():
 
 
 def chatter(seed, hand_over=lambda: None):
-    """Three programs that answer each other over a bad network; the hash, and what arrived where."""
+    """Run three programs that answer each other over a bad network. Return the hash and the packets received."""
     time = VirtualTime(seed, hand_over=hand_over)
     network, heard = VirtualNetwork(time), []
     names = "abc"
@@ -266,23 +266,23 @@ def chatter(seed, hand_over=lambda: None):
     return time.digest, heard
 
 
-def test_one_seed_gives_one_course_of_events():
+def test_same_seed_gives_same_events():
     digest, heard = chatter(3)
     assert chatter(3) == (digest, heard)
     assert len({sender.host for _, _, (_, sender) in heard}) == 3
 
 
-def test_random_sleeps_at_each_hand_over_change_nothing():
+def test_random_thread_delays_do_not_change_events():
     draw = random.Random()
     assert chatter(3, lambda: wall.sleep(draw.choice((0.0, 0.0, 1e-4)))) == chatter(3)
 
 
-def test_another_seed_gives_another_course_of_events():
+def test_different_seeds_give_different_events():
     assert len({chatter(seed)[0] for seed in range(5)}) == 5
 
 
 @pytest.mark.parametrize(("loss", "double"), [(0.0, 0.0), (0.3, 0.0), (0.0, 0.25)])
-def test_a_path_loses_and_doubles_the_share_that_is_asked_for(loss, double):
+def test_path_loses_and_duplicates_the_configured_share(loss, double):
     path = VirtualNetwork(VirtualTime(5)).path("a", "b")
     path.loss, path.double = loss, double
     arrivals = [len(path.transit(k)) for k in range(10_000)]
@@ -302,7 +302,7 @@ def test_a_path_that_keeps_order_delays_and_never_reorders():
     assert max(at - k * 1_000_000 for k, at in enumerate(free)) < 60_000_000
 
 
-def test_a_cut_path_passes_nothing_until_its_time():
+def test_cut_path_drops_packets_until_its_end():
     path = VirtualNetwork(VirtualTime(5)).path("a", "b")
     path.cut_until = 1000
     assert (path.transit(999), path.transit(1000)) == ([], [201_000])
@@ -320,7 +320,7 @@ def test_the_calling_thread_can_be_a_program():
         clock.wait(None, float("inf"))
 
 
-def test_an_address_is_taken_once():
+def test_rejects_address_already_in_use():
     time = VirtualTime(1)
     network = VirtualNetwork(time)
 
@@ -333,8 +333,8 @@ def test_an_address_is_taken_once():
     assert "is taken" in str(program.error)
 
 
-def test_each_program_spells_arguments_for_its_own_reader():
-    """Two commands that overlap: the first ends before the second, which must not bring its spelling back."""
+def test_argument_spelling_is_local_to_each_program():
+    """Two commands overlap. The end of the first one must not change the spelling of the second one."""
     time, seen = VirtualTime(1), []
 
     def command(name, seconds):

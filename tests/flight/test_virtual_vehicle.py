@@ -1,4 +1,4 @@
-"""Instants of a virtual vehicle: the timetable of a run, without end; and what a row of its log has."""
+"""Instants of a virtual vehicle, which follow a run's timetable without end, and rows of its log."""
 
 from itertools import takewhile
 
@@ -23,7 +23,7 @@ from trimtab.run.blocks import compile_world
     st.integers(2, 100),
     st.integers(1, 2000),
 )
-def test_instants_are_those_of_the_timetable(periods, max_step, duration):
+def test_instants_match_the_timetable(periods, max_step, duration):
     wanted = timetable(periods, 3000, max_step).t
     found = np.array(list(takewhile(lambda t: t < 3000, instants(periods, max_step))))
     np.testing.assert_array_equal(found[found < duration], wanted[wanted < duration])
@@ -31,8 +31,8 @@ def test_instants_are_those_of_the_timetable(periods, max_step, duration):
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_a_row_has_the_gust_that_a_simulation_logs():
-    """A body that nobody steers, in turbulence: gust and truth of each row are those of the simulation, to the bit."""
+def test_logged_gust_matches_the_simulation():
+    """An uncontrolled body in turbulence: gust and truth of each row equal the simulation bit for bit."""
     scenario = throw()
     log = simulate(scenario, seed=3, duration="200 ms")
     world, frame, command = compile_world(scenario, seed=3)

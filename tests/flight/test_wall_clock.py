@@ -4,7 +4,7 @@ from trimtab.flight.real_time import MOST_PACKETS, NS, WallClock
 
 
 class Line:
-    """A link with a number of packets, one a call, and the clock by which it waits."""
+    """A link that delivers a number of packets, one per call, and its clock."""
 
     def __init__(self, packets, step=0):
         self.left, self.waited, self.now, self._step = packets, [], 5_000, step
@@ -19,7 +19,7 @@ class Line:
         return b"." if self.left >= 0 else None
 
 
-def test_takes_all_packets_before_an_instant_and_is_never_early():
+def test_wait_handles_all_packets_and_is_never_early():
     line, heard = Line(500, step=1_000), []
     clock = WallClock(line)
     due = clock.now() + 200_000
@@ -30,7 +30,7 @@ def test_takes_all_packets_before_an_instant_and_is_never_early():
     assert line.waited[-1] == 0.0
 
 
-def test_a_flood_does_not_stop_the_clock():
+def test_packet_flood_does_not_stop_the_clock():
     line, heard = Line(10_000), []
     clock = WallClock(line)
     clock.wait(clock.now() - 1, line, heard.append)

@@ -1,12 +1,12 @@
 """Whole flights in wall-clock time: two programs over a real transport reach the targets as simulated flights do.
 
-What is compared is the vehicle's own log, in its logged time, from its release on. The band of each number comes from
-simulated flights over many seeds with what is left of the line's delay. That isn't one number: commands go out each
-20 ms and the servos take them each 20 ms, in whatever phase the two programs happened to start, and an ordinary machine
-wakes them late. So there are two simulations, with no delay and with one servo frame (20 ms) on the way up and one look
-of the downlink (6 ms) on the way down, and a band reaches from the lower mean of the two to the higher, and four
-standard deviations of a flight beyond each: were a flight one of the simulated ones, a normal number would be outside
-once in sixteen thousand times.
+The vehicle's own log is compared, in its logged time, from its release on. The band of each metric comes from
+simulated flights over many seeds with the remaining delay of the link. This delay varies: commands are sent each
+20 ms and the servos read them each 20 ms, with the random phase of the two programs, and an ordinary machine
+wakes them late. So there are two simulations: without delay, and with one servo frame (20 ms) up and one period
+of the downlink (6 ms) down. A band reaches from the lower mean of the two to the higher, and four
+standard deviations of a flight beyond each. A normally distributed metric of a simulated flight would be outside
+once in sixteen thousand flights.
 """
 
 import threading
@@ -36,7 +36,7 @@ REMAINS = tuple(Links(DelayChain(period=ms(6), steps=n), DelayChain(period=ms(20
 
 
 class OwnWaiting:
-    """The longest (s) that a thread of this process was due and not run."""
+    """Longest wakeup delay (s) of a thread of this process."""
 
     longest = 0.0
 
@@ -58,7 +58,7 @@ class OwnWaiting:
 
 
 def check(folder, name, navigation, listen, link, bus="none"):
-    """Fly it, and compare it."""
+    """Fly a scenario and compare it with simulated flights."""
     settings = {"navigation": navigation, "supervisor": "automatic", "bus": bus}
     scenario, _ = catalogue.load_scenario(name, settings)
     targets = [t for t in scenario.targets if t.path.startswith("truth.")]
@@ -82,16 +82,16 @@ def check(folder, name, navigation, listen, link, bus="none"):
 
 
 @pytest.mark.parametrize(("name", "navigation"), NAVIGATED)
-def test_over_udp_targets_are_reached_as_in_simulated_flights(name, navigation, tmp_path):
+def test_targets_are_reached_over_udp_as_in_simulation(name, navigation, tmp_path):
     port = free_port()
     check(tmp_path, name, navigation, f"udp://127.0.0.1:{port}", f"udp://127.0.0.1:{port}")
 
 
-def test_over_a_serial_cable_targets_are_reached_as_in_simulated_flights(tmp_path):
+def test_targets_are_reached_over_serial_as_in_simulation(tmp_path):
     with SerialPair(tmp_path) as cable:
         check(tmp_path, "hovercraft/forward", "errors", *cable.uris)
 
 
-def test_with_a_slow_bus_on_the_vehicle_targets_are_reached_as_in_simulated_flights(tmp_path):
+def test_targets_are_reached_with_a_slow_vehicle_bus(tmp_path):
     line = f"udp://127.0.0.1:{free_port()}"
     check(tmp_path, "hovercraft/forward", "ins", line, line, bus="slave")

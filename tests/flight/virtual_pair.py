@@ -69,7 +69,7 @@ class VirtualPair:
         )
 
     def start_vehicle(self, scenario=None, *, until=None, **options):
-        """Serve until a tenth of a second after the autopilot has ended, or until `until` says so."""
+        """Serve until a tenth of a second after the autopilot has ended, or until `until` returns True."""
         stop = until or self.has_autopilot_ended
 
         def serve(machine):
@@ -80,7 +80,7 @@ class VirtualPair:
         self.serving = self.there.start(serve)
 
     def start_autopilot(self, fly=None, *, pause=0.0, **options):
-        """Connect, wait, fly. fly: what to do with the connected autopilot instead."""
+        """Connect, wait, fly. fly: called with the connected autopilot instead of its own `fly`."""
 
         def run(machine):
             flyer = self.make_autopilot(machine)
@@ -93,14 +93,14 @@ class VirtualPair:
         self.flying = self.here.start(run)
 
     def run(self):
-        """Run to the end of both; raise what one of them raised."""
+        """Run to the end of both programs. Raise the error of a failed program."""
         self.time.run(*[p for p in (getattr(self, "serving", None), getattr(self, "flying", None)) if p is not None])
         for program in self.time.programs:
             if program.error is not None:
                 raise program.error
 
     def has_autopilot_ended(self):
-        """Whether the autopilot has ended, a tenth of a second ago or longer."""
+        """True if the autopilot ended at least a tenth of a second ago."""
         if self._end is None and any(program.has_ended for program in self.here.programs[-1:]):
             self._end = self.time.seconds
         return self._end is not None and self.time.seconds >= self._end + 0.1
@@ -122,7 +122,7 @@ class VirtualPair:
 
 
 def fly_pair(scenario, seed=1, *, pause=0.0, act=None, later=0.5, vehicle=None, hand_over=lambda: None, **options):
-    """One whole flight. act: called with the pair some seconds after arming."""
+    """Fly a complete flight. act: called with the pair `later` seconds after arming."""
     pair = VirtualPair(scenario, seed, hand_over=hand_over)
     pair.start_vehicle(**(vehicle or {}))
     pair.start_autopilot(pause=pause, **options)
@@ -143,5 +143,5 @@ def fly_pair(scenario, seed=1, *, pause=0.0, act=None, later=0.5, vehicle=None, 
 
 
 def events(log):
-    """Lines of a log."""
+    """Texts of a log's events."""
     return [event["text"] for event in log.metadata.get("events", [])]

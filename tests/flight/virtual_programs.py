@@ -14,7 +14,7 @@ LISTEN, LINK = f"udp://:{PORT}", f"udp://127.0.0.1:{PORT}"
 
 
 class VirtualPrograms:
-    """Programs on virtual computers; the test's own thread is the user who starts them."""
+    """Programs on virtual computers. The test's thread acts as the user who starts them."""
 
     def __init__(self, folder, seed=1):
         self.folder, self.time = folder, VirtualTime(seed)
@@ -28,7 +28,7 @@ class VirtualPrograms:
         self._clock.wait(None, seconds)
 
     def start(self, host, *words):
-        """Start a command on a computer; the same computer keeps its clock."""
+        """Start a command on a computer. Restarts on the same computer keep its clock."""
         self._streams.close()  # pytest sets the usual streams anew when a fixture is ready
         self._streams.enter_context(own_streams())
         machine = self.machines.setdefault(host, VirtualMachine(self.time, self.network, host))
@@ -49,7 +49,7 @@ class VirtualPrograms:
 
 
 def fly_pair(folder, scenario, *both, vehicle=(), pilot=(), key="hovercraft"):
-    """Both ends to their end; the programs, the vehicle's and the autopilot's end."""
+    """Run both ends to their end. Return the programs and the results of vehicle and autopilot."""
     make_key(folder, key)
     programs, signed = VirtualPrograms(folder), ("--key", str(folder / "config" / "keys" / f"{key}.key"))
     try:

@@ -1,4 +1,4 @@
-"""A ground station made of MAVSDK: what it found at a UDP port of this machine, as a line of JSON."""
+"""A ground station made with MAVSDK. Prints its findings at a local UDP port as a line of JSON."""
 
 import json
 import sys
@@ -26,7 +26,7 @@ def until(condition):
 
 
 def explore(system):
-    """Read, arm, change."""
+    """Read the vehicle's state, arm and disarm it, change a parameter and the mode. Return the findings."""
     telemetry, action, param, direct = Telemetry(system), Action(system), Param(system), MavlinkDirect(system)
     seen, texts, modes = {}, [], []
     telemetry.subscribe_attitude_euler(lambda v, *_: seen.update(attitude=[v.roll_deg, v.pitch_deg, v.yaw_deg]))

@@ -1,4 +1,4 @@
-"""A vehicle as the command line starts it, for stations that know nothing of trimtab."""
+"""A vehicle started from the command line, for ground stations that are independent of trimtab."""
 
 import contextlib
 import json
@@ -42,7 +42,7 @@ class Served:
         return (self.config / "keys" / "hovercraft.key").read_text().strip()
 
     def stop(self):
-        """End it; its report."""
+        """End the vehicle and return its report."""
         self._process.send_signal(signal.SIGINT)
         out, _ = self._process.communicate(timeout=PATIENCE)
         assert self._process.returncode == (1 if json.loads(out)["problems"] else 0)

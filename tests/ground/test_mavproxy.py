@@ -1,4 +1,4 @@
-"""MAVProxy, headless, with the passphrase of the vehicle's key file: reads, arms, commands; with another, nothing."""
+"""Headless MAVProxy reads, arms and commands a vehicle with its passphrase, and gets no answer with another one."""
 
 import contextlib
 import importlib.util
@@ -20,7 +20,7 @@ AGAIN = 3.0
 
 
 class MavProxy:
-    """A MAVProxy that is typed at."""
+    """A MAVProxy process controlled by typed lines."""
 
     def __init__(self, port, home) -> None:
         command = [sys.executable, "-W", "ignore", "-u", "-m", "MAVProxy.mavproxy", "--mav20", "--nowait", "--no-state"]
@@ -43,7 +43,7 @@ class MavProxy:
             self.said += line
 
     def type(self, line, wanted=None):
-        """Type a line, again and again until what is wanted has been said since."""
+        """Type a line repeatedly until the wanted text appears in the output."""
         start, end, again = len(self.said), time.monotonic() + PATIENCE, 0.0
         while True:
             if time.monotonic() > again:
@@ -76,7 +76,7 @@ def mavproxy(port, home):
         found.close()
 
 
-def test_mavproxy_with_the_key_reads_arms_and_changes(tmp_path):
+def test_mavproxy_with_the_key_reads_arms_and_sets_parameters(tmp_path):
     more = ("--origin", "38.9897,-76.9378,20", "--out", str(tmp_path / "out"), "--parameters", str(tmp_path / "kept"))
     with served(tmp_path, *more) as vehicle, mavproxy(vehicle.port, tmp_path / "home") as station:
         station.type(f"signing key {vehicle.passphrase}", "Setup signing key")
@@ -104,7 +104,7 @@ def test_mavproxy_with_the_key_reads_arms_and_changes(tmp_path):
     assert report["released_s"] is not None
 
 
-def test_mavproxy_with_another_key_or_none_is_told_nothing(tmp_path):
+def test_mavproxy_without_the_right_key_gets_no_answer(tmp_path):
     with served(tmp_path) as vehicle:
         for k, passphrase in enumerate((None, "a-passphrase-that-is-another")):
             with mavproxy(vehicle.port, tmp_path / f"home{k}") as station:

@@ -1,4 +1,4 @@
-"""MAVSDK discovers, reads, arms and commands a running vehicle, an unsigned one on loopback: it can't sign."""
+"""MAVSDK discovers, reads, arms and commands a running vehicle. It cannot sign, so the vehicle is unsigned."""
 
 import json
 import subprocess
@@ -17,7 +17,7 @@ STATION = Path(__file__).with_name("mavsdk_station.py")
 
 
 def station(port):
-    """What MAVSDK found, in a process of its own: it has threads that outlive a test."""
+    """Return MAVSDK's findings. It runs in its own process, because its threads outlive a test."""
     done = subprocess.run(
         [sys.executable, str(STATION), str(port)], capture_output=True, text=True, timeout=PATIENCE, check=False
     )
@@ -46,7 +46,7 @@ def test_mavsdk_reads_state_arms_and_changes_mode_and_parameters(tmp_path):
     assert report["released_s"] is not None
 
 
-def test_mavsdk_sees_no_vehicle_that_signs(tmp_path):
+def test_mavsdk_finds_no_signing_vehicle(tmp_path):
     with served(tmp_path) as vehicle:
         found = station(vehicle.port)
         report = vehicle.stop()

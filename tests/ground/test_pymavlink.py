@@ -1,4 +1,4 @@
-"""An independent implementation of MAVLink, and of its signatures, as ground station of a running vehicle."""
+"""pymavlink, an independent implementation of MAVLink and its signatures, as ground station of a running vehicle."""
 
 import hashlib
 import json
@@ -21,7 +21,7 @@ GUIDED, MANUAL = 15, 0
 
 
 class Peer:
-    """A ground station made of pymavlink and a socket."""
+    """A ground station made with pymavlink and a socket."""
 
     def __init__(self, port, passphrase=None, link=0) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -64,7 +64,7 @@ class Peer:
         return messages
 
     def await_(self, name, good=lambda message: True, ask=lambda: None):
-        """The first message of a name that is good; asks twice a second."""
+        """Return the first message of a name that satisfies `good`. Calls `ask` twice a second."""
         end, again = time.monotonic() + PATIENCE, 0.0
         while time.monotonic() < end:
             if time.monotonic() > again:
@@ -84,7 +84,7 @@ class Peer:
         ).result
 
     def attack(self):
-        """Everything a stranger would try, for a second."""
+        """Send an attacker's requests for a second."""
         end = time.monotonic() + 1.0
         while time.monotonic() < end:
             self.mav.command_long_send(1, 1, ARM, 0, 1, 0, 0, 0, 0, 0, 0)
@@ -101,7 +101,7 @@ class Peer:
         self._socket.close()
 
 
-def test_a_station_with_the_key_reads_arms_and_changes(tmp_path):
+def test_station_with_the_key_reads_arms_and_sets_parameters(tmp_path):
     with served(tmp_path, "--origin", "38.9897,-76.9378,20") as vehicle:
         peer = Peer(vehicle.port, vehicle.passphrase)
         beat = peer.await_("HEARTBEAT")
@@ -138,8 +138,8 @@ def test_a_station_with_the_key_reads_arms_and_changes(tmp_path):
         peer.close()
 
 
-def test_what_a_vehicle_has_not_is_refused_at_once_and_its_log_can_be_read(tmp_path, monkeypatch):
-    """Reads the log that is being written, by pymavlink's client, signed, from a vehicle that runs."""
+def test_unsupported_requests_are_refused_and_log_is_readable(tmp_path, monkeypatch):
+    """The log of the running vehicle is read with pymavlink's client over the signed link."""
     mavftp, mavutil = (pytest.importorskip(f"pymavlink.{name}") for name in ("mavftp", "mavutil"))
     monkeypatch.setenv("MAVLINK20", "1")
     out = tmp_path / "out"
@@ -172,7 +172,7 @@ def test_what_a_vehicle_has_not_is_refused_at_once_and_its_log_can_be_read(tmp_p
     assert report["wire"]["wrong_signature"] == report["wire"]["unsigned"] == 0
 
 
-def test_without_the_key_nothing_is_done_and_nothing_is_told(tmp_path):
+def test_station_without_the_key_is_ignored_and_unanswered(tmp_path):
     with served(tmp_path) as vehicle:
         port = vehicle.port
         for passphrase in (None, "a-passphrase-that-is-another"):

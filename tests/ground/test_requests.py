@@ -1,6 +1,6 @@
-"""A ground station has a flying autopilot hold, go on and end: pymavlink, a vehicle and `trimtab fly`, three programs.
+"""A ground station makes a flying autopilot hold, resume and end: pymavlink, a vehicle and `trimtab fly`.
 
-Replayed, the flight's log gives every step's numbers again, requests included.
+A replay of the flight's log reproduces every step, including the requests.
 """
 
 import dataclasses
@@ -28,12 +28,12 @@ AUTOPILOT, STORAGE = 191, 245
 
 
 def flies(peer, text):
-    """Wait until the vehicle says this of its autopilot."""
+    """Wait until the vehicle reports this text about its autopilot."""
     peer.await_("STATUSTEXT", lambda m: m.text == f"autopilot: {text}")
 
 
 def change_gain(peer):
-    """The autopilot's own parameters, of its own component: read, refused, changed, stored."""
+    """Read, change and store parameters of the autopilot's own component. One change is refused."""
     mav = peer.mav
 
     def value(name, ask):
@@ -52,7 +52,7 @@ def change_gain(peer):
 
 
 def ask(peer):
-    """All there is, each answered and done before the next."""
+    """Make all requests one after the other, each answered and carried out before the next."""
     change_gain(peer)
     assert peer.command(SET_MODE, 1, HOLD) == ACCEPTED
     peer.await_("HEARTBEAT", lambda m: m.custom_mode == HOLD and m.base_mode & ARMED)
@@ -66,7 +66,7 @@ def ask(peer):
     peer.await_("HEARTBEAT", lambda m: m.system_status == CRITICAL and not m.base_mode & ARMED)
 
 
-def test_a_station_has_the_autopilot_hold_go_on_and_end(tmp_path):
+def test_station_makes_the_autopilot_hold_resume_and_end(tmp_path):
     with served(tmp_path / "config") as vehicle:
         peer = Peer(vehicle.port, vehicle.passphrase)
         peer.await_("HEARTBEAT")
@@ -89,9 +89,9 @@ def test_a_station_has_the_autopilot_hold_go_on_and_end(tmp_path):
 
 
 def check_log(log):
-    """Mode after mode, each by its request, none refused; and the same numbers once more.
+    """Assert that each mode follows its request, that none is refused, and that a replay is exact.
 
-    A busy machine's silences may come between: the supervisor says of them that it has lost, and found, the link.
+    On a busy machine the supervisor may also report that it lost and recovered the link.
     """
     modes, causes = log["supervisor.mode"].astype(int), log["supervisor.cause"].astype(int)
     pairs = list(zip(modes.tolist(), causes.tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Drives a channel as the loop does, with samples whose value tells when they were measured."""
+"""Drives a channel as the loop does, with samples whose values encode their measurement time."""
 
 import functools
 from typing import Any
@@ -17,7 +17,7 @@ LIKE = new_sample(0, PlanarState(0.0, 0.0, 0.0, 0.0), fresh=False)
 
 
 def sent_at(t: Any, sensor_period: Any, first: Any = 0) -> Sample:
-    """What a sensor of this period, silent before `first`, shows at t; its value is a function of when it measured."""
+    """Sample at t of a sensor with this period, invalid before `first`. Its value is a function of its time."""
     at = t // sensor_period * sensor_period
     s = at * 1e-7
     value = PlanarState(s, 1 - 2 * s, s * s, 3 * s)
@@ -34,7 +34,7 @@ def _run(channel: Any, key: Key, n: int, sensor_period: Any, first: Any) -> Any:
 
 
 def drive(channel: Any, key: Key, n: int, sensor_period: int = ms(1), first: int = 0) -> tuple[Any, Sample, Any]:
-    """Instants (n,), what comes out at each, and the channel's state after each."""
+    """Return the instants (n,), the output at each, and the channel's state after each."""
     return jax.tree.map(np.asarray, _run(to_arrays(channel), key, n, sensor_period, first))
 
 

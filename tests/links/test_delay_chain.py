@@ -46,7 +46,7 @@ def test_the_delay_is_exact_for_any_input(drive, sent_at, period, steps, sensor_
     np.testing.assert_array_equal(out.fresh, new)
 
 
-def test_invalid_samples_stay_invalid_on_their_way(drive):
+def test_invalid_samples_stay_invalid_through_the_delay(drive):
     t, out, _ = drive(DelayChain(ms(2), 3), key(0), 30, first=ms(10))
     np.testing.assert_array_equal(out.valid, t >= ms(16))
     assert t[out.fresh][0] == ms(16)
@@ -76,14 +76,14 @@ def test_loop_delay_is_76_ms():
     assert ages.mean() == ms(76 + 2) + ms("9.5")
 
 
-def test_without_delay_leaves_the_sample_and_hold():
+def test_disabled_delay_keeps_the_sample_and_hold():
     channel = without(DelayChain(ms(20), 2), "delay")
     assert (channel.period, channel.steps, channel.delay()) == (ms(20), 0, 0.0)
     with pytest.raises(InputError, match=r"no imperfection 'loss'.*\n.*delay"):
         without(channel, "loss")
 
 
-def test_a_number_of_delays_below_zero_is_refused():
+def test_rejects_invalid_number_of_delays():
     DelayChain(ms(6), 0).check()
     DelayChain(ms(6), 6).check()
     for steps in (-1, 1.5, "two", True):

@@ -20,7 +20,7 @@ SETTINGS = [  # period, send period, sensor period, first valid sample, longest 
 
 
 def oracle(times, link, sent_at, sensor_period, first):
-    """A list of packets, walked from its start at every instant."""
+    """Reference: a list of packets, searched from its start at every instant."""
     packets, offered, sent, lost, rows, held = [], -1, 0, 0, [], None
     for t in times:
         sample = sent_at(t, sensor_period, first)
@@ -42,9 +42,7 @@ def oracle(times, link, sent_at, sensor_period, first):
 
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize(("period", "send_period", "sensor_period", "first", "longest"), SETTINGS)
-def test_it_delivers_as_a_list_of_packets_would(
-    drive, sent_at, period, send_period, sensor_period, first, longest, seed
-):
+def test_fifo_matches_a_list_of_packets(drive, sent_at, period, send_period, sensor_period, first, longest, seed):
     random = np.random.default_rng(seed)
     latency = np.round(random.uniform(0, longest * period * 1e-7, 37) * random.integers(0, 2, 37), 7)
     lost = random.random(37) < 0.25
@@ -92,7 +90,7 @@ def test_runs_of_a_batch_have_their_own_packets():
     assert not (both[0] == both[1]).all()
 
 
-def test_a_ring_that_could_overflow_is_refused():
+def test_rejects_ring_buffer_that_could_overflow():
     assert required_slots(0.1, ms(20), ms(1)) == 7  # 5 under way, 1 for the wait to be seen, 1 that has arrived
     check_ring("link", 7, 0.1, ms(20), ms(1))
     with pytest.raises(InputError, match=r"link\.capacity.*6 slots.*0\.1 s.*\nFix: set capacity to 7 or more"):

@@ -34,12 +34,12 @@ def test_the_table_holds_the_quantiles_of_a_shifted_gamma_distribution():
 
 
 @pytest.mark.parametrize("moments", [(0.03, 0.008, 0.03), (0.03, 0.0, 0.01), (0.03, 0.008, -0.01), (np.nan, 1, 0)])
-def test_moments_that_make_no_distribution_are_refused(moments):
+def test_rejects_moments_without_a_gamma_distribution(moments):
     with pytest.raises(InputError, match="give no distribution"):
         gamma_table(*moments)
 
 
-def test_between_nodes_the_table_is_linear_and_beyond_them_constant():
+def test_table_is_linear_between_nodes_and_constant_beyond():
     z = np.concatenate([np.linspace(-7, 7, 1001), normal_scores(), [-SPAN, SPAN]])
     got = jax.vmap(interpolate_latency, (None, 0))(LINK.latency, z)
     np.testing.assert_allclose(got, np.interp(z, normal_scores(), LINK.latency), rtol=1e-12)
@@ -70,7 +70,7 @@ def test_the_same_key_gives_the_same_bits_and_others_differ():
     assert abs(np.corrcoef(first[0], other[0])[0, 1]) < 4 / np.sqrt(len(first[0]))
 
 
-def test_loss_is_drawn_apart_from_latency():
+def test_loss_is_independent_of_latency():
     latency, lost = draws(LINK, 1)
     assert abs(lost.mean() - 0.1) < 4 * np.sqrt(0.1 * 0.9 / len(lost))
     assert abs(np.corrcoef(latency, lost)[0, 1]) < 4 / np.sqrt(len(lost))
@@ -120,14 +120,14 @@ def test_without_delay_a_packet_arrives_when_it_leaves(drive):
     np.testing.assert_array_equal(out.fresh, t % ms(6) == 0)
 
 
-def test_all_lost_is_never_valid(drive):
+def test_output_is_never_valid_if_all_packets_are_lost(drive):
     _, out, state = drive(replace(LINK, loss=1.0), key(0), 600)
     assert not out.valid.any()
     assert state.sent[-1] == state.lost[-1] == 100
 
 
 @pytest.mark.thorough
-def test_a_run_of_a_batch_is_the_run_alone():
+def test_batched_run_equals_the_single_run():
     keys = Key(np.full(3, 7, np.uint32), np.arange(3, dtype=np.uint32))
     batch = jax.vmap(_draws, (None, 0, None))(to_arrays(LINK), keys, jnp.arange(50))
     for run in range(3):

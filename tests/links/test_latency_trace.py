@@ -17,7 +17,7 @@ RECORDED = Trace(
 HEAD = "sent_s,latency_s\n"
 
 
-def test_a_recording_comes_back_bit_by_bit(tmp_path):
+def test_recording_round_trips_bit_by_bit(tmp_path):
     write_trace(tmp_path / "a.csv", RECORDED)
     for got, want in zip(read_trace(tmp_path / "a.csv"), RECORDED, strict=True):
         np.testing.assert_array_equal(got, want)
@@ -26,7 +26,7 @@ def test_a_recording_comes_back_bit_by_bit(tmp_path):
 
 
 def test_replay_reproduces_a_recording_exactly(drive):
-    """Of a link in order, on its own grid: each arrival is the recorded one, and the recording starts again."""
+    """For an ordered link on its own grid each arrival equals the recorded one, also after the recording restarts."""
     random = np.random.default_rng(0)
     sent = np.arange(40) * ms(20)
     arrival = np.maximum.accumulate(sent + random.integers(20, 120, 40) * ms(1))
@@ -48,7 +48,7 @@ def test_replay_reproduces_a_recording_exactly(drive):
     assert lost.sum() > 3
 
 
-def test_faults_are_switched_off_one_by_one():
+def test_imperfections_can_be_disabled_one_by_one():
     link = LatencyTrace.of(RECORDED)
     mean = RECORDED.latency_s[~RECORDED.lost].mean()
     np.testing.assert_array_equal(without(link, "delay").latency, 0.0)
@@ -61,7 +61,7 @@ def test_faults_are_switched_off_one_by_one():
         without(link, "order")
 
 
-def test_a_recording_in_which_all_is_lost_has_no_latency(drive):
+def test_trace_with_all_packets_lost_never_delivers(drive):
     link = LatencyTrace(np.zeros(2), np.ones(2, bool))
     assert (without(link, "jitter").latency == 0).all()
     _, out, state = drive(link, key(0), 100)
@@ -88,7 +88,7 @@ def test_a_recording_in_which_all_is_lost_has_no_latency(drive):
         (HEAD + "0.0\n0.02,0.04\n", ", line 2", "fields in '0.0': 1, must be 2"),
     ],
 )
-def test_a_file_that_is_no_recording_is_refused(tmp_path, text, where, why):
+def test_rejects_malformed_trace_file(tmp_path, text, where, why):
     path = tmp_path / "trace.csv"
     path.write_text(text)
     with pytest.raises(InputError, match=why) as caught:
@@ -107,7 +107,7 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path):
         read_trace(tmp_path / "binary.csv")
 
 
-def test_spaces_a_byte_order_mark_and_equal_times_are_read(tmp_path):
+def test_reads_spaces_byte_order_mark_and_equal_times(tmp_path):
     (tmp_path / "a.csv").write_text("\ufeffsent_s, latency_s\r\n 0.02 , 0.04 \r\n0.02,\r\n", encoding="utf-8")
     trace = read_trace(tmp_path / "a.csv")
     np.testing.assert_array_equal(trace.sent_s, [0.02, 0.02])
@@ -115,7 +115,7 @@ def test_spaces_a_byte_order_mark_and_equal_times_are_read(tmp_path):
     np.testing.assert_array_equal(trace.lost, [False, True])
 
 
-def test_what_could_not_be_read_back_is_not_written(tmp_path):
+def test_invalid_latencies_are_not_written(tmp_path):
     for bad in (np.full(6, np.nan), np.full(6, -0.01)):
         with pytest.raises(InputError, match="line 2"):
             write_trace(tmp_path / "a.csv", RECORDED._replace(latency_s=bad))

@@ -1,4 +1,4 @@
-"""Slave bus: its longest delay, and every arrival against a list of slots written here."""
+"""Slave bus: transmission times, and every arrival against a list of slots."""
 
 import functools
 
@@ -31,7 +31,7 @@ BYTES = 5 + 2 * 4 + 1 + 1
 
 
 def flown(bus, made, n, grid=10_000):
-    """Samples at the receiving end at n instants, where samples are measured at the times `made` (ms)."""
+    """State and received samples at n instants, for samples measured at the times `made` (ms)."""
     times = np.full(100, np.iinfo(np.int64).max)
     times[: len(made)] = np.array(made) * ms(1)
     return jax.tree.map(np.asarray, _flown(to_arrays(bus), times, np.int64(grid), n))
@@ -50,7 +50,7 @@ def _flown(bus, times, grid, n):
 
 
 def slots(made, size=BYTES, queue=200.0):
-    """Arrival (ms) of each message by filling a list of slots one by one; None: dropped."""
+    """Reference arrival (ms) of each message from a list of slots. None: dropped."""
     free, arrivals = 0, []
     for t in made:
         pieces = [10] * (size // 10) + ([size % 10] if size % 10 else [])
@@ -72,8 +72,8 @@ def test_10_bytes_and_an_address_take_0_99_ms():
     assert int(np.argmax(out.valid)) == 99
 
 
-def test_the_last_piece_takes_what_it_holds():
-    """Two pieces, of 10 bytes and of 5: the second begins 10 ms on and takes (5 + 1) 9 bits at 100 kHz."""
+def test_last_piece_duration_depends_on_its_bytes():
+    """Two pieces of 10 and 5 bytes: the second starts 10 ms later and takes (5 + 1) 9 bits at 100 kHz."""
     _, out = flown(SlaveBus(period=ms("0.01"), queue=ms(20), capacity=2100), [0], 1100, ms("0.01"))
     assert int(np.argmax(out.valid)) == 1000 + 54
 
@@ -89,7 +89,7 @@ CASES = {
 
 @pytest.mark.parametrize("made", CASES.values(), ids=CASES)
 @pytest.mark.parametrize("size", [0, pytest.param(10, marks=pytest.mark.thorough), 37])
-def test_arrivals_are_those_of_the_slots(made, size):
+def test_arrivals_match_a_list_of_slots(made, size):
     n = 700
     state, out = flown(SlaveBus(size=size), made, n)
     arrivals = slots(made, size or BYTES)
@@ -101,18 +101,18 @@ def test_arrivals_are_those_of_the_slots(made, size):
     np.testing.assert_array_equal(out.value.unit[out.valid], out.t[out.valid])
 
 
-def test_a_message_follows_from_its_sample():
+def test_message_size_follows_from_the_sample():
     value = Ranges(np.zeros(4), np.zeros(4, bool), np.int32(0))
     assert SlaveBus().message_size(value) == BYTES
     assert SlaveBus(size=12).message_size(value) == 12
 
 
-def test_without_delay_it_is_a_wire():
+def test_without_delay_the_bus_is_a_wire():
     _, out = flown(without(SlaveBus(), "delay"), CASES["bursts"], 420)
     assert np.nonzero(out.fresh)[0].tolist() == CASES["bursts"]
 
 
-def test_refusals():
+def test_invalid_settings_are_rejected():
     with pytest.raises(InputError, match="takes 18"):
         replace(SlaveBus(), bit_rate=5.5e3).check()
     with pytest.raises(InputError, match="capacity"):

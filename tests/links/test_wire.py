@@ -19,12 +19,12 @@ def test_the_sample_comes_out_at_once_and_unchanged(drive, sent_at):
         np.testing.assert_allclose(getattr(out.value, name), getattr(sent.value, name), rtol=0, atol=1e-15)
 
 
-def test_nothing_is_valid_before_the_first_sample(drive):
+def test_output_is_invalid_before_the_first_sample(drive):
     t, out, _ = drive(Wire(period=ms(2)), key(0), 20, first=ms(10))
     np.testing.assert_array_equal(out.valid, t >= ms(10))
 
 
-def test_what_is_measured_between_two_looks_is_fresh_once():
+def test_sample_between_two_updates_is_fresh_once():
     tick, end = ms(6.5536), ms(200)
     wire, made, fresh = Wire(), -1, []
     state = wire.init(key(0), new_sample(np.int64(0), 0.0))
@@ -37,6 +37,6 @@ def test_what_is_measured_between_two_looks_is_fresh_once():
     assert fresh == list(range(0, end, tick))
 
 
-def test_it_is_a_channel_without_faults():
+def test_wire_is_a_channel_without_imperfections():
     assert isinstance(Wire(), Channel)
     assert imperfections(Wire()) == {}

@@ -39,7 +39,7 @@ def words(ms, mode, wanted=0, speed=0):
     ]
 
 
-def test_flights_come_in_order_over_both_sectors():
+def test_flights_are_read_in_order_over_both_sectors():
     assert zlib.crc32(struct.pack("<2I", 5, 6)) ^ 0xFFFFFFFF == crc([5, 6], 0xFFFFFFFF)  # it is CRC-32
     newer = sector_bytes(9, [words(300, 1, 6000, 5985), words(100, 1, -6000, -5970)])
     older = sector_bytes(8, [words(100, 1), words(200, 1)])
@@ -52,7 +52,7 @@ def test_flights_come_in_order_over_both_sectors():
     assert last.command_age == pytest.approx(0.04)
 
 
-def test_a_record_that_was_half_written_is_passed_over():
+def test_damaged_record_is_skipped():
     data = bytearray(sector_bytes(1, [words(100, 1), words(200, 1), words(300, 1)]))
     data[16 + 32 + 9] ^= 4
     (flight,) = read_black_box(bytes(data) + b"\xff" * SECTOR)
@@ -60,7 +60,7 @@ def test_a_record_that_was_half_written_is_passed_over():
 
 
 @pytest.mark.parametrize("dump", [b"", b"\xff" * 2 * SECTOR, b"\x00" * 2 * SECTOR])
-def test_what_is_no_black_box_is_refused(dump):
+def test_rejects_dump_without_black_box(dump):
     with pytest.raises(InputError, match="0x080C0000"):
         read_black_box(dump)
 
@@ -74,6 +74,6 @@ def test_pulses_are_named_after_the_command_of_the_vehicle():
     assert (row.rpm_command, row.speed_rpm, row.command_age) == (None, None, pytest.approx(0.04))
 
 
-def test_more_outputs_than_a_record_has_are_refused():
+def test_rejects_more_outputs_than_a_record_holds():
     with pytest.raises(InputError, match="output_names"):
         read_black_box(sector_bytes(1, []) + b"\xff" * SECTOR, [f"motor[{k}]" for k in range(5)])

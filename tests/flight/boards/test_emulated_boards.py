@@ -65,7 +65,7 @@ def flown_here(folder):
 
 
 def same_bits(a, b):
-    """Equal, signs of zeros included; a NaN is a NaN, because processors differ in the bits of theirs."""
+    """True if equal, including signs of zeros. Any NaN equals any NaN, because processors differ in NaN bits."""
     return np.array_equal(a, b, equal_nan=True) and np.array_equal(np.signbit(a[a == 0]), np.signbit(b[b == 0]))
 
 
@@ -88,8 +88,8 @@ def test_board_and_computer_agree_bit_by_bit(tmp_path, target, real):
 
 @needs_board
 @pytest.mark.parametrize(("target", "real", "error"), [("cortex-m4", "float", 3e-7), ("cortex-m7", "double", 5e-16)])
-def test_sines_of_the_c_library_differ_by_roundings(tmp_path, target, real, error):
-    """Two libraries: each promises about 1 unit in the last place (6e-8, 1.1e-16 relative to 1), none the same one."""
+def test_library_sines_differ_only_by_rounding(tmp_path, target, real, error):
+    """Each library promises about 1 unit in the last place (6e-8, 1.1e-16 relative to 1), but not identical bits."""
     folder = exported(tmp_path / "sample", real, **{"#ifdef LIBRARY_SINE": "#if 1"})
     here, board = flown_here(folder)[:-3], emulate(folder, target)
     assert board.library_bytes > 200, "sine and cosine come from a library"
@@ -100,7 +100,7 @@ def test_sines_of_the_c_library_differ_by_roundings(tmp_path, target, real, erro
 
 
 def in_assembly(*lines):
-    """A step whose instructions are known because no compiler wrote them."""
+    """A step in assembly, so that its number of instructions is known."""
     text = "".join(
         f'"{line}\\n"\n' for line in [".thumb_func", ".type autopilot_step, %function", "autopilot_step:", *lines]
     )
@@ -120,8 +120,8 @@ def test_instructions_and_stack_are_exact(tmp_path, target):
 
 
 @needs_board
-def test_instructions_that_depend_on_the_input(tmp_path):
-    """autopilot_in starts with the double `acceleration`: its high word says how often the loop goes round."""
+def test_input_dependent_instruction_counts_are_exact(tmp_path):
+    """autopilot_in starts with the double `acceleration`. Its high word sets the number of loop iterations."""
     step = in_assembly("ldr r0, [r2, #4]", "lsrs r0, #20", "1: subs r0, #1", "bne 1b", "bx lr")
     folder = exported(tmp_path / "known", step=step)
     rounds = np.array([1, 2, 3, 100, 1024, 2047 - 1])
@@ -133,7 +133,7 @@ def test_instructions_that_depend_on_the_input(tmp_path):
 
 @pytest.mark.thorough
 @needs_board
-def test_counts_and_sizes(tmp_path):
+def test_instruction_counts_repeat_and_memory_sizes_match(tmp_path):
     folder = exported(tmp_path / "sample")
     m7, again, m4 = emulate(folder, "cortex-m7"), emulate(folder, "cortex-m7"), emulate(folder, "cortex-m4")
     assert np.array_equal(m7.instructions, again.instructions)
@@ -166,13 +166,13 @@ UNUSED = "(void)p, (void)s, (void)in, (void)out;"
         ("for (;;) __asm volatile(\"\");", "ended after 1 s"),
     ],
 )  # fmt: skip
-def test_an_autopilot_that_cannot_fly_is_refused(tmp_path, statements, why):
+def test_rejects_faulty_autopilot_code(tmp_path, statements, why):
     folder = exported(tmp_path / "bad", step=f"{BODY}{UNUSED} {statements} }}\n")
     with pytest.raises(InputError, match=why):
         emulate(folder, "cortex-m7", steps=2, limit_s=1.0)
 
 
-def test_vectors_that_do_not_fit_are_refused(tmp_path):
+def test_rejects_mismatched_vectors_file(tmp_path):
     folder = exported(tmp_path / "bad", **{"VECTORS_IN = 4": "VECTORS_IN = 3"})
     with pytest.raises(InputError, match=r"2 steps.* 9 columns; vectors\.h says 3 inputs and 5 outputs"):
         read_vectors(folder, 2)
@@ -187,8 +187,8 @@ def test_vectors_that_do_not_fit_are_refused(tmp_path):
 
 
 @needs_board
-def test_a_timer_at_another_speed_is_refused(tmp_path, monkeypatch):
-    """Calibration on the known loops: with the wrong clock they don't come out."""
+def test_rejects_board_timer_at_wrong_speed(tmp_path, monkeypatch):
+    """The calibration loops of known length fail with the wrong clock."""
     folder = exported(tmp_path / "sample")
     monkeypatch.setitem(TARGETS, "cortex-m7", TARGETS["cortex-m7"]._replace(clock=20_000_000))
     with pytest.raises(InputError, match="the board's timer does not run as expected"):
@@ -209,8 +209,8 @@ def test_unknown_target_and_missing_tools_name_the_fix(tmp_path, monkeypatch):
 
 
 @needs_board
-def test_a_step_that_needs_a_workspace_is_given_it(tmp_path):
-    """What a large program keeps beside its structures lies where the caller says; it counts as RAM."""
+def test_large_step_gets_its_workspace_in_ram(tmp_path):
+    """The caller provides the workspace of a large program. The workspace counts as RAM."""
 
     def step(p, s, u):
         x = jnp.cumsum(jnp.sin(jnp.arange(3000.0) * u))[::-1]

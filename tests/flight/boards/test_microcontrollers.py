@@ -1,4 +1,4 @@
-"""Exported autopilots on emulated boards: what was simulated, within the stated tolerance."""
+"""Exported autopilots on emulated boards reproduce the simulation within the stated tolerance."""
 
 import importlib.util
 import json
@@ -14,7 +14,7 @@ from trimtab.scenarios import catalogue
 
 
 def on_the_board(scenario, target, folder, steps=500):
-    """Export in the precision of the board, fly there, and find what was simulated, step by step."""
+    """Export in the board's precision, run on the board, and compare each step with the simulation."""
     export_c(scenario, folder, real=TARGETS[target].real, steps=steps)
     flown = emulate(folder, target, steps=steps)
     about = json.loads((folder / "export.json").read_text())
@@ -38,7 +38,7 @@ def test_autopilot_flies_on_the_board(name, target, tmp_path):
 
 
 def flight(name):
-    """A module beside this one."""
+    """Import a module from this folder."""
     found = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
     module = importlib.util.module_from_spec(found)
     found.loader.exec_module(module)
@@ -87,7 +87,7 @@ def test_autopilot_on_raw_ranges_flies_on_the_board(target, tmp_path):
 @pytest.mark.usefixtures("board_tools")
 @pytest.mark.parametrize(("gnss", "mean", "most"), [("fixes", 8_250, 99_960), ("ranges", 11_190, 249_900)])
 def test_autopilot_with_gnss_and_inertial_flies_on_the_board(gnss, mean, most, tmp_path):
-    """15 or 17 errors at 1 kHz: on average, and the largest, at which it fuses 6 or 16 numbers.
+    """Mean and maximum cost of a filter with 15 or 17 error states at 1 kHz that fuses 6 or 16 measurements.
 
     Bounds are 2 % above what gcc 12.2 gives.
     """
@@ -114,11 +114,11 @@ HEAVY = [pytest.mark.thorough, pytest.mark.timeout(600)]
         pytest.param({"filter": "adaptive"}, 108_500, 43_008, 199_680, marks=HEAVY),
     ],
 )
-def test_filter_of_the_modes_and_stable_inversion_fly_on_the_board(settings, instructions, stack, ram, tmp_path):
+def test_modal_filter_and_stable_inversion_fly_on_the_board(settings, instructions, stack, ram, tmp_path):
     """The hypersonic vehicle's whole autopilot in double on a Cortex-M7, 200 steps a second: well inside 5 ms.
 
     Bounds are 2 % above what gcc 12.2 gives: 4204, 6153, 446 477 and 101 325 instructions at most.
-    The look ahead took 196 206, and 49 kB of stack, as long as its axes of 41 points were written out.
+    The preview needed 196 206 instructions and 49 kB of stack while its axes of 41 points were written out.
     """
     scenario, _ = catalogue.load_scenario("hypersonic/noise", settings)
     flown = on_the_board(scenario, "cortex-m7", tmp_path)

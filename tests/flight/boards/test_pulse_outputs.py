@@ -1,4 +1,4 @@
-"""Outputs of a board: whose limits count, what is safe, and what is refused in words."""
+"""Outputs of a board: source of their limits, safe values, and error messages."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def outputs_of(scenario, most=8):
     return find_outputs(scenario, carried_structures(scenario)[1], most)
 
 
-def test_stops_of_a_bank_are_one_and_two_milliseconds_and_rest_lies_between():
+def test_actuator_bank_limits_map_to_1_and_2_ms():
     thrust, rudder = outputs_of(build(BOAT))
     assert (thrust.name, rudder.name) == ("thrust", "rudder")
     assert thrust.safe == pytest.approx(1e-3 + 1e-3 * 3 / 9)  # 0 N between -3 and 6 N
@@ -29,7 +29,7 @@ def test_stops_of_a_bank_are_one_and_two_milliseconds_and_rest_lies_between():
 
 
 @pytest.mark.thorough
-def test_rotors_go_from_standing_still_to_their_fastest_and_rest_still():
+def test_rotor_pulses_span_zero_to_maximum_speed():
     outputs = outputs_of(build("quadrotor/track"))
     assert [o.name for o in outputs] == [f"speed[{k}]" for k in range(4)]
     for o in outputs:
@@ -37,14 +37,14 @@ def test_rotors_go_from_standing_still_to_their_fastest_and_rest_still():
         assert o.safe == 1e-3
 
 
-def test_a_vehicle_tells_the_limits_of_its_own_servos():
+def test_servo_limits_come_from_the_vehicle():
     scenario = build("torpedo/depth", {"world.vehicle.fin_limit": "0.3"})
     rudder, stern, shaft = outputs_of(scenario)
     assert rudder.pulse.values[1] == stern.pulse.values[1] == 0.3
     assert shaft.safe == 1.5e-3  # stands still, whatever its actuators did without a command
 
 
-def test_a_failsafe_says_between_which_values_and_what_is_safe():
+def test_failsafe_defines_pulse_limits_and_safe_values():
     scenario = build("torpedo/depth")
     kind = type(scenario.world.actuators.neutral().u)
     failsafe = Failsafe(safe=kind(0.1, 0.0, 50.0), low=kind(-0.2, -0.2, 0.0), high=kind(0.2, 0.2, 100.0))
@@ -61,7 +61,7 @@ class Declared:
     FX: object = quantity("N", "Push.", low=-1.0, high=3.0)
 
 
-def test_a_range_that_the_command_declares_counts_and_none_is_refused_with_what_to_type():
+def test_declared_command_range_is_used_and_missing_one_rejected():
     scenario = build("tests/loop/lander.py:hover")
     with pytest.raises(InputError, match=r"declares no limits for 'F' \(N\).*\n.*ServoPulse"):
         firmware_outputs(scenario)
@@ -73,7 +73,7 @@ def test_a_range_that_the_command_declares_counts_and_none_is_refused_with_what_
 
 
 @pytest.mark.thorough
-def test_more_numbers_than_a_board_has_outputs_are_refused_with_their_names():
+def test_rejects_more_command_values_than_board_outputs():
     scenario = build("quadrotor/track")
     with pytest.raises(InputError, match=r"(?s)4 numbers \(speed\[0\], .*3 outputs.*board=\"cortex-m7\""):
         outputs_of(scenario, most=3)
@@ -86,11 +86,11 @@ def test_more_numbers_than_a_board_has_outputs_are_refused_with_their_names():
     ("name", "frame"),
     [("quadrotor/track", 5), ("cart-pole/swing-up", 10), ("vessel/path", 20), ("hovercraft/spin", 20)],
 )
-def test_pulses_come_as_often_as_the_actuators_act_within_what_servos_take(name, frame):
+def test_pulse_frame_follows_actuator_period_within_servo_limits(name, frame):
     assert frame_of(build(name)) == ms(frame)
 
 
-def test_a_stage_of_one_millisecond_gets_pulses_that_have_room_for_the_longest():
+def test_pulse_frame_is_at_least_3_ms():
     scenario = build("cart-pole/swing-up")
     fast = replace(scenario.world.actuators, period=ms(1))
     assert frame_of(replace(scenario, world=replace(scenario.world, actuators=fast))) == ms(3)

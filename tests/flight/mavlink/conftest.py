@@ -1,4 +1,4 @@
-"""A dialect with every kind of number, and both ends of a line."""
+"""A dialect with every kind of number, and both ends of a link."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def clock() -> Clock:
 
 @pytest.fixture
 def pair(dialect, clock):
-    """Two ends that share a key; the second hears the first's packets as new."""
+    """Two endpoints that share a key. The second accepts the first one's packets as new."""
     ends = [Endpoint(dialect, s, 1, KEY, clock=clock) for s in (1, 2)]
     clock.now += 1
     return ends
@@ -36,7 +36,7 @@ def pair(dialect, clock):
 
 @pytest.fixture
 def open_pair(dialect):
-    """Two ends without a key."""
+    """Two endpoints without a key."""
     return [Endpoint(dialect, s, 1, unsigned=True) for s in (1, 2)]
 
 

@@ -29,7 +29,7 @@ class Every:
 
 @record
 class Wide:
-    """More than one payload holds. Source: none, a test."""
+    """A record too large for one payload. Source: none, a test."""
 
     covariance: Any = quantity("1", "A matrix.", shape=(8, 9))
     msg: Any = quantity("1", "A name that the generators use themselves.", shape=(5,))
@@ -55,7 +55,7 @@ class Clock:
 
 
 def bit_by_bit(data: bytes) -> int:
-    """CRC-16/MCRF4XX as its definition says: polynomial 0x1021 reflected, start 0xFFFF, nothing at the end."""
+    """CRC-16/MCRF4XX by its definition: polynomial 0x1021 reflected, initial value 0xFFFF, no final XOR."""
     value = 0xFFFF
     for byte in data:
         value ^= byte
@@ -85,5 +85,5 @@ def heartbeat(dialect, **how):
 
 
 def stamp_at(seconds):
-    """10 us since 1 January 2015, 00:00 UTC."""
+    """Time stamp in units of 10 us since 1 January 2015, 00:00 UTC."""
     return int((seconds - 1420070400) * 1e5)

@@ -19,14 +19,14 @@ FIRST, SECOND, OLD = Sender(1, 191, 11), Sender(1, 191, 12), Sender(1, 191, 0)
 STATION = Sender(255, 190, 0)
 
 
-def test_sessions_survive_the_parameter_of_a_command():
+def test_session_numbers_survive_float32_command_parameters():
     drawn = {draw_session() for _ in range(200)}
     assert len(drawn) > 190
     assert all(parse_session(float(np.float32(s))) == s > 0 for s in drawn)
     assert [parse_session(n) for n in (0.0, -1.0, 0.5, float("nan"), float("inf"), MOST_SESSIONS)] == [0] * 6
 
 
-def test_commands_belong_to_who_armed():
+def test_only_the_arming_sender_may_command():
     authority = Authority(5)
     assert authority.accepts_command(SECOND)  # nothing acts yet, and nobody has it
     authority.arm(FIRST)
@@ -43,13 +43,13 @@ def test_commands_belong_to_who_armed():
     assert not authority.find_arming_problem(SECOND)
 
 
-def test_what_a_ground_station_arms_belongs_to_the_first_who_commands():
+def test_first_commander_owns_vehicle_armed_by_ground_station():
     authority = Authority(5)
     authority.arm(STATION)
     assert [authority.accepts_command(s) for s in (SECOND, FIRST, SECOND)] == [True, False, True]
 
 
-def test_another_system_does_not_inherit_what_a_ground_station_has_armed():
+def test_other_system_cannot_command_vehicle_armed_by_station():
     authority = Authority(5, system=1)
     authority.arm(STATION)
     assert not authority.accepts_command(Sender(7, 191, 12))
@@ -58,7 +58,7 @@ def test_another_system_does_not_inherit_what_a_ground_station_has_armed():
     assert authority.refused_commands == 2
 
 
-def test_a_session_that_was_read_on_the_line_is_of_no_use_on_another_stream():
+def test_copied_session_is_rejected_on_another_stream():
     authority = Authority(5)
     authority.arm(FIRST)
     thief = FIRST._replace(link=9)
@@ -67,20 +67,20 @@ def test_a_session_that_was_read_on_the_line_is_of_no_use_on_another_stream():
     assert str(thief) == "1/191 session 00000b link 9"
 
 
-def test_it_is_handed_over_to_who_asks_for_that():
+def test_takeover_transfers_authority():
     authority = Authority(5)
     authority.arm(FIRST)
     assert authority.take_over(SECOND) == FIRST
     assert [authority.accepts_command(s) for s in (FIRST, SECOND)] == [False, True]
 
 
-def test_a_vehicle_is_addressed_by_its_session_or_by_none():
+def test_vehicle_is_addressed_by_own_session_or_zero():
     assert [Authority(5).is_addressed(s) for s in (0, 5, 6)] == [True, True, False]
 
 
 @pytest.mark.parametrize("told", [False, True])
-def test_the_session_is_an_extension_of_the_command(told):
-    """One who knows nothing of it packs and reads the same message; what takes its place is zero."""
+def test_session_is_an_extension_field_of_the_command(told):
+    """A sender without the extension packs the same message, and its session reads as zero."""
     dialect = derive_dialect(Frame(t=np.int64(0), samples={}), Command(t=np.int64(0), valid=False, value=every()))
     definition = dialect.definitions["COMMAND"]
     assert definition.size == definition.base + 4
@@ -90,7 +90,7 @@ def test_the_session_is_an_extension_of_the_command(told):
     assert command_sender(message) == Sender(1, 191, 77 if told else 0)
 
 
-def test_the_sender_of_a_signed_command_is_its_stream_too():
+def test_sender_of_a_signed_command_includes_its_link():
     dialect = derive_dialect(Frame(t=np.int64(0), samples={}), Command(t=np.int64(0), valid=False, value=every()))
     key = passphrase_key("correct-horse-battery-staple")
     here, there = Endpoint(dialect, 1, 191, key, link=7), Endpoint(dialect, 1, 1, key)

@@ -12,7 +12,7 @@ XML = """<mavlink><version>3</version><messages><message id="7" name="ODD"><desc
 </mavlink>"""
 
 
-def test_standard_messages_are_those_of_the_common_dialect():
+def test_standard_messages_match_pymavlinks_common_dialect():
     """Number, CRC_EXTRA, layout and field names, against pymavlink's own."""
     found = read_definitions(STANDARD.read_text("utf-8"))
     assert {"HEARTBEAT", "TIMESYNC", "COMMAND_LONG", "PARAM_SET", "MANUAL_CONTROL", "STATUSTEXT"} <= found.keys()
@@ -26,7 +26,7 @@ def test_standard_messages_are_those_of_the_common_dialect():
         assert list(theirs.ordered_fieldnames) == [f.name for f in definition.fields], name
 
 
-def test_published_numbers_of_heartbeat():
+def test_heartbeat_definition_matches_published_numbers():
     """https://mavlink.io/en/messages/common.html: number 0, CRC_EXTRA 50, nine bytes, version 3."""
     heartbeat = read_definitions(STANDARD.read_text("utf-8"))["HEARTBEAT"]
     assert (heartbeat.id, heartbeat.crc_extra, heartbeat.size) == (0, 50, 9)
@@ -34,7 +34,7 @@ def test_published_numbers_of_heartbeat():
     assert heartbeat.fields[0].name == "custom_mode"
 
 
-def test_order_sizes_and_ranges():
+def test_field_order_sizes_and_ranges_follow_the_definition():
     odd = read_definitions(XML)["ODD"]
     assert [f.name for f in odd.fields] == ["b", "d", "a", "c", "e"]  # by size, as declared, extensions last
     assert odd.packing.format == "<2dHB5sq"
@@ -44,7 +44,7 @@ def test_order_sizes_and_ranges():
     assert [f.at for f in odd.fields] == [0, 2, 3, 4, 5]
 
 
-def test_crc_extra_tells_other_names_types_and_lengths():
+def test_crc_extra_depends_on_names_types_and_lengths():
     base = read_definitions(XML)["ODD"].crc_extra
     for old, new in (("ODD", "ODE"), ('"a"', '"z"'), ("double[2]", "double[3]"), ("uint16_t", "int16_t")):
         assert next(iter(read_definitions(XML.replace(old, new)).values())).crc_extra != base

@@ -8,7 +8,7 @@ from trimtab.flight.mavlink.definitions import MAX_PAYLOAD
 from trimtab.flight.mavlink.dialect import FIRST_ID, derive_dialect
 
 
-def test_each_leaf_has_one_place_and_every_payload_fits(dialect):
+def test_each_field_is_carried_once_and_every_payload_fits(dialect):
     assert dialect.groups["samples.every"] == ("SAMPLE_EVERY",)
     assert dialect.groups["command"] == ("COMMAND",)
     assert dialect.groups["instant"] == ("INSTANT",)
@@ -40,14 +40,14 @@ def test_unit_and_doc_go_into_the_xml(dialect):
     assert "A speed; it costs &lt; 5 &amp; 'more' * / '." in dialect.text
 
 
-def test_numbers_are_kept_ones_in_the_order_of_the_names(dialect):
+def test_message_ids_are_reserved_and_sorted_by_name(dialect):
     derived = sorted(dialect.places)
     assert [dialect.definitions[n].id for n in derived] == list(range(FIRST_ID, FIRST_ID + len(derived)))
     common = pytest.importorskip("pymavlink.dialects.v20.all")
     assert not set(range(FIRST_ID, FIRST_ID + 256)) & common.mavlink_map.keys()
 
 
-def test_fingerprint_tells_dialects_apart_and_does_not_change_between_runs(dialect):
+def test_fingerprint_differs_between_dialects_and_is_reproducible(dialect):
     frame = Frame(t=np.int64(0), samples={"every": sample(every())})
     command = Command(t=np.int64(0), valid=False, value=every())
     a, b = derive_dialect(frame, command), derive_dialect(frame, command)
@@ -64,7 +64,7 @@ def test_fingerprint_ignores_descriptions_and_covers_units(dialect):
     assert dialect._replace(text=measured).fingerprint != dialect.fingerprint
 
 
-def test_sensors_whose_names_meet_get_messages_of_their_own():
+def test_sensors_with_similar_names_get_distinct_messages():
     frame = Frame(t=np.int64(0), samples={n: sample(every()) for n in ("a-b", "a_b", "A b", "9")})
     made = derive_dialect(frame, Command(t=np.int64(0), valid=False, value=every()))
     names = [made.groups[f"samples.{n}"][0] for n in ("a-b", "a_b", "A b", "9")]
@@ -72,7 +72,7 @@ def test_sensors_whose_names_meet_get_messages_of_their_own():
     assert all(n.isascii() and n.isidentifier() and n == n.upper() for n in names)
 
 
-def test_more_messages_than_numbers_are_refused():
+def test_rejects_more_messages_than_available_ids():
     frame = Frame(t=np.int64(0), samples={f"s{k}": sample(every()) for k in range(255)})
     with pytest.raises(InputError, match="257 messages"):
         derive_dialect(frame, Command(t=np.int64(0), valid=False, value=every()))

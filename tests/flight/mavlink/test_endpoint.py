@@ -1,4 +1,4 @@
-"""Both ends against an implementation of the published format that is written here, and against pymavlink's."""
+"""Endpoints against an implementation of the published format in line.py."""
 
 import math
 import os
@@ -18,7 +18,7 @@ VALUES = [1234567890123, 1.5, -2.25, 7, 0.1, 0.2, 0.3, -5, 4000000000, 1, 1]
 """t, then what is left of SAMPLE_EVERY by size: real, angle, time, vector, count, word, valid, flag."""
 
 
-def test_packs_what_the_format_says(dialect, pair, clock):
+def test_packed_frame_matches_the_published_format(dialect, pair, clock):
     a, _ = pair
     definition = dialect.definitions["SAMPLE_EVERY"]
     payload = struct.pack("<qddqdddiIBB", *VALUES)
@@ -26,12 +26,12 @@ def test_packs_what_the_format_says(dialect, pair, clock):
     assert a.pack("SAMPLE_EVERY", VALUES) == expected
 
 
-def test_the_checksum_is_the_published_one():
+def test_checksum_matches_the_published_value():
     """The catalogue of parametrised CRC algorithms: CRC-16/MCRF4XX of "123456789" is 0x6F91."""
     assert checksum(b"12345678", ord("9")) == (0x6F91).to_bytes(2, "little")
 
 
-def test_stamps_that_cannot_be_stored_are_a_problem_to_report(dialect, clock, tmp_path, monkeypatch):
+def test_unstorable_stamps_are_reported_as_a_problem(dialect, clock, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
@@ -48,12 +48,12 @@ def test_stamps_that_cannot_be_stored_are_a_problem_to_report(dialect, clock, tm
 
 
 @given(st.binary(max_size=300), st.integers(0, 255))
-def test_the_checksum_is_its_definition_bit_by_bit(data, extra):
+def test_checksum_matches_its_bitwise_definition(data, extra):
     assert checksum(data, extra) == bit_by_bit(data + bytes([extra])).to_bytes(2, "little")
 
 
 @given(st.lists(st.floats(), min_size=5, max_size=5), st.integers(-(2**63), 2**63 - 1), st.integers(0, 2**32 - 1))
-def test_numbers_arrive_as_they_left(dialect, reals, time, word):
+def test_numeric_fields_round_trip_exactly(dialect, reals, time, word):
     a, b = (Endpoint(dialect, s, 1, unsigned=True) for s in (1, 2))
     real, angle, *vector = reals
     given = {
@@ -73,13 +73,13 @@ def test_numbers_arrive_as_they_left(dialect, reals, time, word):
     assert got.fields()["time"] == -1
 
 
-def test_text_arrives(open_pair):
+def test_text_field_round_trips(open_pair):
     a, b = open_pair
     (got,) = b.feed(a.pack("STATUSTEXT", {"severity": 3, "text": "déjà vu"}))
     assert got.get("text") == "déjà vu"
 
 
-def test_takes_what_the_format_says_signed(dialect, pair, clock):
+def test_accepts_signed_frame_of_the_published_format(dialect, pair, clock):
     _, b = pair
     (got,) = b.feed(heartbeat(dialect, key=KEY.secret, stamp=stamp_at(clock.now)))
     assert got.fields() == {
@@ -105,7 +105,7 @@ def test_takes_what_the_format_says_signed(dialect, pair, clock):
         ({"stamp": stamp_at(NOW + 86_400)}, "leading"),
     ],
 )
-def test_refuses_and_counts(dialect, pair, clock, how, count):
+def test_rejects_and_counts_invalid_signed_frames(dialect, pair, clock, how, count):
     _, b = pair
     frame = heartbeat(dialect, **({"key": KEY.secret, "stamp": stamp_at(clock.now)} | how))
     assert b.feed(frame) == []
@@ -121,8 +121,8 @@ def test_refuses_mavlink_1(dialect, pair, open_pair):
         assert end.counts.downgraded == end.counts.refusals == 1
 
 
-def test_a_flag_taken_off_does_not_make_a_signed_packet_an_open_one(dialect, pair, clock):
-    """Downgrade: the same message, its signature cut off and the checksum made right."""
+def test_clearing_the_signed_flag_does_not_bypass_signing(dialect, pair, clock):
+    """Downgrade attack: the same message without signature and with a corrected checksum."""
     _, b = pair
     assert b.feed(heartbeat(dialect, key=None, flags=0)) == []
     assert b.feed(heartbeat(dialect, key=KEY.secret, stamp=stamp_at(clock.now), flags=0)) == []
@@ -130,7 +130,7 @@ def test_a_flag_taken_off_does_not_make_a_signed_packet_an_open_one(dialect, pai
     assert b.counts.accepted == 0
 
 
-def test_every_byte_of_a_signed_packet_counts(dialect, pair, clock):
+def test_any_flipped_bit_rejects_a_signed_packet(dialect, pair, clock):
     _, b = pair
     frame = heartbeat(dialect, key=KEY.secret, stamp=stamp_at(clock.now))
     for at in range(len(frame)):
@@ -141,7 +141,7 @@ def test_every_byte_of_a_signed_packet_counts(dialect, pair, clock):
     assert len(b.feed(frame)) == 1
 
 
-def test_a_packet_is_taken_once_and_streams_are_told_apart(pair, clock):
+def test_replayed_packets_are_rejected_and_counted(pair, clock):
     a, b = pair
     first, second = a.pack("HEARTBEAT"), a.pack("HEARTBEAT")
     assert len(b.feed(first + second)) == 2
@@ -150,16 +150,16 @@ def test_a_packet_is_taken_once_and_streams_are_told_apart(pair, clock):
     assert b.counts.lost == 0
 
 
-def test_a_forged_packet_does_not_move_the_stamp_of_its_stream(dialect, pair, clock):
-    """pymavlink remembers the stamp before it looks at the signature: one forgery shuts the true sender out."""
+def test_forged_packet_does_not_advance_the_stream_stamp(dialect, pair, clock):
+    """pymavlink stores the stamp before it checks the signature, so that one forgery locks out the true sender."""
     a, b = pair
     far = heartbeat(dialect, system=1, key=bytes(32), stamp=2**48 - 1)
     assert b.feed(far) == []
     assert len(b.feed(a.pack("HEARTBEAT"))) == 1
 
 
-def test_what_was_recorded_before_a_restart_is_refused_after_it(dialect, pair, clock):
-    """The published rule would take it for a minute."""
+def test_packet_recorded_before_a_restart_is_rejected_afterwards(dialect, pair, clock):
+    """The published rule would accept such a packet for a minute."""
     a, b = pair
     recorded = a.pack("COMMAND_LONG", {"command": 400, "param1": 1.0})
     assert len(b.feed(recorded)) == 1
@@ -169,7 +169,7 @@ def test_what_was_recorded_before_a_restart_is_refused_after_it(dialect, pair, c
     assert restarted.counts.stale == 1
 
 
-def test_a_peer_whose_clock_lags_is_heard_once_it_has_heard_this_end(dialect, pair, clock):
+def test_peer_with_lagging_clock_is_accepted_after_following(dialect, pair, clock):
     _, b = pair
     late = Endpoint(dialect, 3, 1, KEY, clock=lambda: NOW - 30)
     assert b.feed(late.pack("HEARTBEAT")) == []
@@ -177,7 +177,7 @@ def test_a_peer_whose_clock_lags_is_heard_once_it_has_heard_this_end(dialect, pa
     assert len(b.feed(late.pack("HEARTBEAT"))) == 1
 
 
-def test_what_was_refused_for_its_stamp_says_by_how_much_and_moves_nothing(dialect, pair, clock):
+def test_untimely_packet_reports_its_lead_without_side_effect(dialect, pair, clock):
     _, b = pair
     before = b.stamps.last
     for difference, count in ((86_400, "leading"), (-120, "stale")):
@@ -192,7 +192,7 @@ def test_what_was_refused_for_its_stamp_says_by_how_much_and_moves_nothing(diale
     assert b.untimely == []
 
 
-def test_lost_packets_are_counted_by_sequence_and_late_ones_are_not_lost(open_pair):
+def test_losses_are_counted_by_sequence_except_late_packets(open_pair):
     a, b = open_pair
     packets = [a.pack("HEARTBEAT") for _ in range(300)]
     b.feed(b"".join(packets[:10] + packets[13:200] + packets[290:]))
@@ -201,7 +201,7 @@ def test_lost_packets_are_counted_by_sequence_and_late_ones_are_not_lost(open_pa
     assert b.counts.lost == 92
 
 
-def test_what_was_thrown_away_unread_is_no_loss(open_pair):
+def test_discarded_packets_are_not_counted_lost(open_pair):
     a, b = open_pair
     packets = [a.pack("HEARTBEAT") for _ in range(120)]
     b.feed(b"".join(packets[:10]) + packets[10][:5])
@@ -210,7 +210,7 @@ def test_what_was_thrown_away_unread_is_no_loss(open_pair):
     assert (b.counts.lost, b.counts.garbage, b.counts.checksum) == (2, 0, 0)
 
 
-def test_unknown_messages_are_passed_over_whole(dialect, pair, open_pair, clock):
+def test_unknown_messages_are_skipped_with_their_payload(dialect, pair, open_pair, clock):
     strange = dialect.definitions["HEARTBEAT"]._replace(id=54321)
     inner = heartbeat(dialect, key=None)  # a frame inside the payload of another must not come out of it
     frame = by_hand(strange, inner + b"\1", 0, 9, 1)
@@ -223,8 +223,8 @@ def test_unknown_messages_are_passed_over_whole(dialect, pair, open_pair, clock)
     assert (b.counts.unknown, b.counts.unsigned) == (1, 0)
 
 
-def test_an_unknown_message_that_is_wrongly_signed_hides_nothing(dialect, pair, clock):
-    """It may be a frame cut short, with another one in what was taken for its payload or signature."""
+def test_wrongly_signed_unknown_message_hides_no_inner_frame(dialect, pair, clock):
+    """The unknown message may be a truncated frame, followed by a valid frame in the bytes read as its payload."""
     strange = dialect.definitions["HEARTBEAT"]._replace(id=54321)
     inner = heartbeat(dialect, key=KEY.secret, stamp=stamp_at(clock.now))
     forged = by_hand(strange, inner + b"\1", 0, 9, 1, bytes(32), 0, stamp_at(clock.now))
@@ -234,14 +234,14 @@ def test_an_unknown_message_that_is_wrongly_signed_hides_nothing(dialect, pair, 
     assert b.counts.garbage == len(forged) - len(inner)
 
 
-def test_a_newer_peer_may_send_extensions_that_are_not_known_here(dialect, open_pair):
+def test_missing_extension_fields_are_read_as_zero(dialect, open_pair):
     definition = dialect.definitions["COMMAND_ACK"]
     short = by_hand(definition, struct.pack("<HB", 400, 0), 0, 9, 1)
     (got,) = open_pair[1].feed(short)
     assert (got.get("command"), got.get("result"), got.get("target_system")) == (400, 0, 0)
 
 
-def test_numbers_too_large_are_put_right_and_counted(open_pair):
+def test_out_of_range_values_are_clamped_and_counted(open_pair):
     a, b = open_pair
     given = {"custom_mode": 2**40, "type": -3, "autopilot": math.nan, "base_mode": 2.9}
     (got,) = b.feed(a.pack("HEARTBEAT", given))
@@ -251,7 +251,7 @@ def test_numbers_too_large_are_put_right_and_counted(open_pair):
     assert a.counts.clamped == 2
 
 
-def test_wrong_use_is_refused_with_what_to_write(dialect, open_pair):
+def test_invalid_arguments_are_rejected_with_a_fix(dialect, open_pair):
     a, _ = open_pair
     with pytest.raises(InputError, match="write 'HEARTBEAT'"):
         a.pack("HEARTBEET")
@@ -269,7 +269,7 @@ def test_wrong_use_is_refused_with_what_to_write(dialect, open_pair):
         Endpoint(dialect, 0, 1, unsigned=True)
 
 
-def test_a_frame_cut_in_its_signature_takes_no_other_with_it(pair):
+def test_frame_after_a_truncated_signature_is_still_read(pair):
     a, b = pair
     first, second = (a.pack("STATUSTEXT", {"text": text}) for text in ("one", "two"))
     (got,) = b.feed(first[:-4] + second)
@@ -280,7 +280,7 @@ def test_a_frame_cut_in_its_signature_takes_no_other_with_it(pair):
 
 @pytest.mark.parametrize("cut", [1, 9, 10, 20, 63])
 def test_a_frame_in_two_datagrams_is_joined(dialect, clock, cut):
-    """Bridges between a serial line and a network send what they have: 64 bytes, and then the rest."""
+    """Bridges between a serial line and a network may split a frame: 64 bytes, then the rest."""
     there, here = Endpoint(dialect, 1, 1, KEY, clock=clock), Endpoint(dialect, 2, 1, KEY, clock=clock, datagrams=True)
     clock.now += 1
     frames = b"".join(there.pack("COMMAND_LONG", {"param1": float(k)}) for k in range(3))
@@ -289,7 +289,7 @@ def test_a_frame_in_two_datagrams_is_joined(dialect, clock, cut):
     assert here.counts.garbage == 0
 
 
-def test_a_datagram_of_another_sender_is_not_joined_to_what_waits(dialect):
+def test_datagrams_of_different_senders_are_not_joined(dialect):
     there, other = Endpoint(dialect, 1, 1, unsigned=True), Endpoint(dialect, 3, 1, unsigned=True)
     here = Endpoint(dialect, 2, 1, unsigned=True, datagrams=True)
     frame = there.pack("COMMAND_LONG", {"param1": 1.0, "param7": 7.0})
@@ -299,7 +299,7 @@ def test_a_datagram_of_another_sender_is_not_joined_to_what_waits(dialect):
     assert here.counts.garbage == 0
 
 
-def test_what_never_gets_its_rest_is_counted_and_delays_nothing(dialect):
+def test_incomplete_datagrams_are_counted_and_cause_no_delay(dialect):
     there, here = Endpoint(dialect, 1, 1, unsigned=True), Endpoint(dialect, 2, 1, unsigned=True, datagrams=True)
     for k in range(5):
         frame = there.pack("COMMAND_LONG", {"param1": float(k), "param7": 7.0})
@@ -309,7 +309,7 @@ def test_what_never_gets_its_rest_is_counted_and_delays_nothing(dialect):
 
 
 @pytest.mark.parametrize("datagrams", [True, False])
-def test_a_packet_full_of_false_starts_costs_no_more_than_a_few(dialect, datagrams, monkeypatch):
+def test_number_of_tried_false_frame_starts_is_bounded(dialect, datagrams, monkeypatch):
     there, here = Endpoint(dialect, 1, 1, unsigned=True), Endpoint(dialect, 2, 1, unsigned=True, datagrams=datagrams)
     tried = []
     read = here._read_frame

@@ -1,4 +1,4 @@
-"""Bytes that nobody should send: the parsers take nothing that was not sent, never raise, and recover."""
+"""Fuzzed bytes: the parsers accept only valid packets, never raise, and recover."""
 
 import random
 
@@ -13,7 +13,7 @@ QUICK, LONG = 200_000, 10_000_000
 
 
 class Attack:
-    """A vehicle, the pilot who steers it, and somebody between who has no key."""
+    """A vehicle, its pilot, and an attacker between them without the key."""
 
     def __init__(self, dialect, seed, signed, datagrams) -> None:
         self.random = random.Random(seed)
@@ -32,7 +32,7 @@ class Attack:
         self.before = len(self.hear(self.packet()))
 
     def packet(self):
-        """A true packet, whose values tell it from all others."""
+        """A valid packet with unique values."""
         self.count += 1
         self.clock.now += 0.001
         name = self.random.choice(["SAMPLE_EVERY", "COMMAND", "SAMPLE_DOUBLE_WIDE_1"])
@@ -42,7 +42,7 @@ class Attack:
         return packet
 
     def bad(self):
-        """Noise, headers, packets with flipped bits, cut, put together wrongly, sent again."""
+        """Noise, headers, or packets that are bit-flipped, truncated, wrongly joined or replayed."""
         packet, other = self.random.choice(self.recorded), self.random.choice(self.recorded)
         at = self.random.randrange(len(packet))
         kind = self.random.randrange(7)
@@ -61,7 +61,7 @@ class Attack:
         return packet
 
     def hear(self, data):
-        """What the vehicle takes of it, having acted on it."""
+        """Feed data to the vehicle and return the messages it accepted and handled."""
         taken = []
         pieces = [data] if self.vehicle._datagrams else self.cut(data)
         for piece in pieces:
@@ -99,14 +99,14 @@ def run(dialect, total, signed, datagrams):
 
 @pytest.mark.parametrize("signed", [True, False])
 @pytest.mark.parametrize("datagrams", [True, False])
-def test_nothing_gets_through_and_what_is_true_does(dialect, signed, datagrams):
+def test_fuzzed_bytes_are_rejected_and_valid_packets_accepted(dialect, signed, datagrams):
     check(dialect, QUICK, signed, datagrams)
 
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("datagrams", [True, False])
-def test_ten_million_bytes(dialect, datagrams):
+def test_ten_million_fuzzed_bytes_are_handled(dialect, datagrams):
     """Some seconds each on an idle machine."""
     check(dialect, LONG, True, datagrams)
 

@@ -1,4 +1,4 @@
-"""Python and C made by MAVLink's generator understand what this package packs, signed, and the other way round."""
+"""Signed packets are exchanged with Python and C code made by MAVLink's generator, in both directions."""
 
 import os
 import shutil
@@ -56,7 +56,7 @@ GIVEN |= {"flag": 1, "vector": (1.5, 2.5, 3.5)}
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")
-def test_bytes_packed_in_c_parse_here_and_back_signed(dialect, clock, tmp_path):
+def test_signed_frames_round_trip_through_generated_c(dialect, clock, tmp_path):
     folder = write_c_headers(dialect, tmp_path / "include")
     (tmp_path / "echo.c").write_text(C)
     build = ["gcc", "-O1", "-w", f"-I{folder}", str(tmp_path / "echo.c"), "-o", str(tmp_path / "echo")]
@@ -76,7 +76,7 @@ def test_bytes_packed_in_c_parse_here_and_back_signed(dialect, clock, tmp_path):
     assert vehicle.counts.accepted == 2
 
 
-def test_every_message_is_the_same_bytes_from_pymavlink(dialect, clock):
+def test_every_message_round_trips_through_pymavlink(dialect, clock):
     module = load_python_module(dialect)
     a, b = Endpoint(dialect, 1, 1, KEY, clock=clock), Endpoint(dialect, 2, 1, KEY, clock=clock)
     clock.now += 1
@@ -105,7 +105,7 @@ def forget(monkeypatch):
         monkeypatch.delitem(sys.modules, name)
 
 
-def test_the_module_is_made_once_and_two_threads_may_ask_at_once(dialect, monkeypatch, tmp_path):
+def test_generated_module_is_built_once_by_concurrent_threads(dialect, monkeypatch, tmp_path):
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path))
     forget(monkeypatch)
     with ThreadPoolExecutor(4) as pool:
@@ -116,8 +116,8 @@ def test_the_module_is_made_once_and_two_threads_may_ask_at_once(dialect, monkey
 
 
 @pytest.mark.thorough
-def test_two_processes_may_make_it_at_once(tmp_path):
-    """Each finds the file whole or makes it; nothing is left beside it."""
+def test_two_processes_can_build_the_module_concurrently(tmp_path):
+    """Each process finds the complete file or makes it. No temporary file remains."""
     code = "from flight.mavlink.conftest import made; from trimtab.flight.mavlink.generated import load_python_module;"
     code += "print(load_python_module(made()).MAVLINK_MSG_ID_SAMPLE_EVERY)"
     here = os.environ | {"TRIMTAB_CACHE": str(tmp_path), "PYTHONPATH": os.pathsep.join([p for p in sys.path if p])}
@@ -129,7 +129,7 @@ def test_two_processes_may_make_it_at_once(tmp_path):
     assert file.suffix == ".py"
 
 
-def test_without_a_cache_it_is_made_again(dialect, monkeypatch, tmp_path):
+def test_module_is_rebuilt_without_a_cache(dialect, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "file"))
     forget(monkeypatch)

@@ -18,7 +18,7 @@ def test_a_new_key_is_random_owner_only_and_read_back(tmp_path):
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
 
 
-def test_a_ground_station_gets_the_same_key_from_the_line_in_the_file(tmp_path):
+def test_key_is_the_sha256_of_the_file_line(tmp_path):
     """MAVProxy's `signing key LINE` takes the SHA-256 of the line's ASCII bytes."""
     path = tmp_path / "a.key"
     made = create_key(path)
@@ -27,7 +27,7 @@ def test_a_ground_station_gets_the_same_key_from_the_line_in_the_file(tmp_path):
     assert made.secret == hashlib.sha256(line.encode("ascii")).digest()
 
 
-def test_a_file_that_is_there_is_not_overwritten(tmp_path):
+def test_existing_key_file_is_not_overwritten(tmp_path):
     path = tmp_path / "a.key"
     made = create_key(path)
     with pytest.raises(InputError, match="already exists"):
@@ -36,7 +36,7 @@ def test_a_file_that_is_there_is_not_overwritten(tmp_path):
 
 
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o660, 0o610])
-def test_a_file_that_others_can_reach_is_refused_with_what_to_type(tmp_path, mode):
+def test_rejects_key_file_accessible_to_others(tmp_path, mode):
     path = tmp_path / "a.key"
     create_key(path)
     path.chmod(mode)
@@ -45,7 +45,7 @@ def test_a_file_that_others_can_reach_is_refused_with_what_to_type(tmp_path, mod
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can give a file away")
-def test_a_file_of_somebody_else_is_refused(tmp_path):
+def test_rejects_key_file_of_another_user(tmp_path):
     path = tmp_path / "a.key"
     create_key(path)
     os.chown(path, 12345, -1)
@@ -62,7 +62,7 @@ def test_a_file_without_a_key_is_refused(tmp_path, content):
         load_key(path)
 
 
-def test_what_is_not_there_or_no_file_is_refused(tmp_path):
+def test_rejects_missing_key_file_or_non_file(tmp_path):
     with pytest.raises(InputError, match="make a key by create_key"):
         load_key(tmp_path / "none.key")
     with pytest.raises(InputError, match="is not a file"):
@@ -72,7 +72,7 @@ def test_what_is_not_there_or_no_file_is_refused(tmp_path):
         load_key(tmp_path / "pipe")
 
 
-def test_default_place_follows_the_environment(tmp_path, monkeypatch):
+def test_default_key_folder_follows_the_environment(tmp_path, monkeypatch):
     monkeypatch.setenv("TRIMTAB_CONFIG", str(tmp_path / "own"))
     assert key_path("boat-1") == tmp_path / "own" / "keys" / "boat-1.key"
     monkeypatch.delenv("TRIMTAB_CONFIG")
@@ -81,7 +81,7 @@ def test_default_place_follows_the_environment(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["", "../a", ".hidden", "a/b", "a b"])
-def test_names_that_are_paths_are_refused(name):
+def test_rejects_vehicle_names_that_are_paths(name):
     with pytest.raises(InputError, match="is not a valid name of a vehicle"):
         key_path(name)
 
@@ -91,7 +91,7 @@ def test_short_passphrases_are_refused():
         passphrase_key("fifteen-letters")
 
 
-def test_the_secret_is_not_shown():
+def test_secret_is_not_shown_in_repr():
     key = passphrase_key("correct-horse-battery-staple")
     assert key.secret.hex()[:8] not in repr(key)
     assert repr(key.secret)[2:10] not in f"{key} {[key]}"

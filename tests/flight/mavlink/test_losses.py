@@ -1,4 +1,4 @@
-"""Losses told by sequence numbers: of senders that count, and of those that don't."""
+"""Losses counted from sequence numbers, for senders that number their packets and senders that do not."""
 
 import random
 
@@ -10,7 +10,7 @@ from trimtab.flight.mavlink.losses import SequenceGaps
 
 
 def count(numbers):
-    """Lost and disordered frames after these numbers, as they are on the wire."""
+    """Count lost and disordered frames for these sequence numbers, taken modulo 256."""
     gaps, lost, disordered = SequenceGaps(), 0, 0
     for number in numbers:
         more, jumps = gaps.follow(number & 0xFF)
@@ -18,15 +18,15 @@ def count(numbers):
     return lost, disordered
 
 
-def test_numbers_at_random_are_no_losses():
-    """They had been counted as 32 lost frames for each that came."""
+def test_random_sequence_numbers_are_not_counted_as_losses():
+    """Regression: 32 lost frames were counted for each frame received."""
     draw = random.Random(1)
     lost, disordered = count(draw.randrange(256) for _ in range(10_000))
     assert lost < 100
     assert disordered > 6_000
 
 
-def test_two_programs_with_one_identity_lose_nothing():
+def test_two_senders_with_one_identity_cause_no_losses():
     for ahead in (40, 100, 200):
         lost, disordered = count(n for k in range(5_000) for n in (k, k + ahead))
         assert lost == 0
@@ -34,7 +34,7 @@ def test_two_programs_with_one_identity_lose_nothing():
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.8])
-def test_what_a_bad_line_loses_is_counted_to_the_frame(share):
+def test_losses_of_a_bad_link_are_counted(share):
     draw = random.Random(2)
     come = [k for k in range(20_000) if draw.random() >= share]
     lost, disordered = count(come)
@@ -44,33 +44,33 @@ def test_what_a_bad_line_loses_is_counted_to_the_frame(share):
     assert disordered == 0
 
 
-def test_a_burst_counts_once_frames_have_come_in_order_after_it():
+def test_burst_loss_counts_after_frames_resume_in_order():
     assert count([*range(10), *range(100, 103)]) == (0, 0)
     assert count([*range(10), *range(100, 110)]) == (90, 0)
 
 
 @pytest.mark.parametrize("gap", [90, 128, 150, 220, 240])
-def test_a_long_burst_is_counted_whatever_its_length(gap):
-    """One of 128 or more had been taken for frames that come late, for as long again."""
+def test_long_burst_losses_are_counted_at_any_length(gap):
+    """Regression: after a gap of 128 or more, frames were taken for late ones."""
     assert count([*range(10), 11, *range(12 + gap, 12 + gap + 40)]) == (1 + gap, 0)
 
 
 @pytest.mark.parametrize("last", [20, 50, 100, 150, 200, 240])
 @pytest.mark.parametrize("first", [0, 2])
-def test_a_program_that_restarts_has_lost_nothing(last, first):
-    """Its frames are numbered from 0 again. Up to 235 of 256 frames had been counted as lost."""
+def test_sender_restart_is_not_counted_as_loss(last, first):
+    """Frames of the restarted sender are numbered from 0. Regression: up to 235 of 256 frames were counted as lost."""
     lost, disordered = count([*range(last - 19, last + 1), *range(first, first + 100)])
     assert lost == (15 + first if last == 240 else 0)  # the few numbers up to the end of the count look like a gap
     assert disordered == 0
 
 
-def test_a_frame_that_comes_late_is_not_lost_and_one_that_comes_twice_neither():
+def test_late_or_duplicate_frames_are_not_losses():
     assert count([*range(10), 11, 10, *range(12, 30)]) == (0, 0)
     assert count([*range(10), 9, *range(10, 30)]) == (0, 0)
 
 
-def test_two_programs_of_one_number_that_sign_by_streams_of_their_own_lose_nothing(dialect, clock):
-    """As while one autopilot takes a vehicle over from another: the second was refused for 90 % of lost frames."""
+def test_two_signing_streams_of_one_identity_cause_no_losses(dialect, clock):
+    """During a takeover two autopilots send. Regression: the second was refused for 90 % of lost frames."""
     first, second = (Endpoint(dialect, 1, 191, KEY, link=link, clock=clock) for link in (3, 8))
     vehicle = Endpoint(dialect, 1, 1, KEY, clock=clock)
     clock.now += 1

@@ -24,7 +24,7 @@ def is_new(stamps, stream, stamp, ordered=True):
     return stamps.find_refusal(stream, stamp, ordered) is None
 
 
-def test_stamps_follow_the_clock_and_never_repeat_when_it_stands_or_goes_back(clock):
+def test_stamps_follow_the_clock_and_never_repeat(clock):
     stamps = Stamps(clock=clock)
     clock.now += 2
     assert stamps.next_stamp() == int(stamp_at(clock.now))
@@ -35,8 +35,8 @@ def test_stamps_follow_the_clock_and_never_repeat_when_it_stands_or_goes_back(cl
 
 @settings(max_examples=40)
 @given(st.lists(st.tuples(st.floats(-1e4, 1e4), st.integers(0, 4), st.booleans()), max_size=30))
-def test_no_stamp_repeats_whatever_the_clock_does_over_restarts(tmp_path_factory, story):
-    """Each chapter: the clock jumps, some packets leave, then the process is killed or closed."""
+def test_stamps_never_repeat_over_clock_jumps_and_restarts(tmp_path_factory, story):
+    """In each chapter the clock jumps, some packets are sent, then the process is killed or closed."""
     store, clock, sent = tmp_path_factory.mktemp("s") / "a.time", Clock(), []
     for jump, packets, killed in story:
         clock.now += jump
@@ -49,7 +49,7 @@ def test_no_stamp_repeats_whatever_the_clock_does_over_restarts(tmp_path_factory
     assert sent == sorted(set(sent))
 
 
-def test_the_file_is_owner_only_and_written_seldom(tmp_path, clock, monkeypatch):
+def test_stamp_file_is_owner_only_and_rarely_written(tmp_path, clock, monkeypatch):
     store, writes, real = tmp_path / "a.time", [], os.pwrite
     monkeypatch.setattr(os, "pwrite", lambda *a: writes.append(a) or real(*a))
     stamps = Stamps(store, clock)
@@ -61,7 +61,7 @@ def test_the_file_is_owner_only_and_written_seldom(tmp_path, clock, monkeypatch)
     stamps.close()
 
 
-def test_kept_ahead_of_time_no_packet_waits_for_the_disk(tmp_path, clock, monkeypatch):
+def test_storing_ahead_spares_packets_a_disk_write(tmp_path, clock, monkeypatch):
     stamps = Stamps(tmp_path / "a.time", clock)
     stamps.store_ahead()
     monkeypatch.setattr(stamps, "_write_store", lambda: pytest.fail("a packet waited"))
@@ -77,7 +77,7 @@ def test_kept_ahead_of_time_no_packet_waits_for_the_disk(tmp_path, clock, monkey
     stamps.close()
 
 
-def test_a_full_disk_is_counted_and_stamps_go_on(tmp_path, clock, monkeypatch):
+def test_stamps_continue_on_a_full_disk(tmp_path, clock, monkeypatch):
     stamps = Stamps(tmp_path / "a.time", clock)
 
     def full(*_):
@@ -93,7 +93,7 @@ def test_a_full_disk_is_counted_and_stamps_go_on(tmp_path, clock, monkeypatch):
     stamps.close()
 
 
-def test_two_of_one_identity_are_refused(tmp_path, clock):
+def test_rejects_second_process_with_the_same_identity(tmp_path, clock):
     first = Stamps(tmp_path / "a.time", clock)
     with pytest.raises(InputError, match="another process uses this key"):
         Stamps(tmp_path / "a.time", clock)
@@ -101,20 +101,20 @@ def test_two_of_one_identity_are_refused(tmp_path, clock):
     Stamps(tmp_path / "a.time", clock).close()
 
 
-def test_a_file_that_holds_no_stamp_is_refused(tmp_path):
+def test_rejects_file_without_a_stamp(tmp_path):
     store = tmp_path / "a.time"
     store.write_text("yesterday")
     with pytest.raises(InputError, match=r"rm '.*a\.time'"):
         Stamps(store)
 
 
-def test_a_folder_that_can_not_be_written_is_refused(tmp_path):
+def test_rejects_unwritable_folder(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="keep the key file in a folder that you can write"):
         Stamps(tmp_path / "file" / "a.time")
 
 
-def test_what_is_new_is_told_by_stream(clock):
+def test_replay_check_is_kept_per_stream(clock):
     stamps = Stamps(clock=clock)
     start = stamps.last
     assert not is_new(stamps, STREAM, start)
@@ -126,7 +126,7 @@ def test_what_is_new_is_told_by_stream(clock):
     assert stamps.last == start + 5
 
 
-def test_what_may_be_overtaken_is_taken_late_and_once_and_nothing_from_before_the_start(clock):
+def test_unordered_stamps_are_accepted_late_but_once(clock):
     stamps = Stamps(clock=clock)
     start = stamps.last
     stamps.accept(STREAM, start + LONGEST_LATENESS + 10, ordered=False)
@@ -139,7 +139,7 @@ def test_what_may_be_overtaken_is_taken_late_and_once_and_nothing_from_before_th
     assert [is_new(stamps, other, start + k, ordered=False) for k in (-5, 0, 1, 5)] == [False, False, True, False]
 
 
-def test_an_order_is_never_taken_after_a_later_one_but_after_later_data(clock):
+def test_command_stamp_may_follow_later_data_not_later_commands(clock):
     stamps = Stamps(clock=clock)
     start = stamps.last
     stamps.accept(STREAM, start + 100, ordered=False)
@@ -151,7 +151,7 @@ def test_an_order_is_never_taken_after_a_later_one_but_after_later_data(clock):
 
 @given(st.lists(st.tuples(st.integers(1, 3 * LONGEST_LATENESS), st.booleans()), max_size=200))
 def test_no_stamp_is_accepted_twice_and_command_stamps_increase(found):
-    """Against a receiver that remembers everything."""
+    """Compared with a receiver that stores every stamp."""
     stamps, taken, orders = Stamps(clock=Clock()), set(), [0]
     start = stamps.last
     for k, ordered in found + found[::-1]:
@@ -163,14 +163,14 @@ def test_no_stamp_is_accepted_twice_and_command_stamps_increase(found):
             orders += [k] if ordered else []
 
 
-def test_what_is_remembered_of_a_stream_is_bounded(clock):
+def test_memory_per_stream_is_bounded(clock):
     stamps = Stamps(clock=clock)
     for _ in range(4 * LONGEST_LATENESS):
         stamps.accept(STREAM, stamps.last + 1, ordered=False)
     assert len(stamps._streams[STREAM]._taken) == LONGEST_LATENESS
 
 
-def test_what_is_over_a_minute_old_is_refused_in_any_stream(clock):
+def test_rejects_stamps_over_a_minute_old_in_any_stream(clock):
     stamps = Stamps(clock=clock)
     stamps.accept(STREAM, stamps.last + 1)
     clock.now += 3600
@@ -180,15 +180,15 @@ def test_what_is_over_a_minute_old_is_refused_in_any_stream(clock):
     assert not is_new(stamps, (8, 1, 0), now - MARGIN - 1)
 
 
-def test_the_end_of_time_does_not_overflow(clock):
+def test_largest_stamp_does_not_overflow(clock):
     stamps = Stamps(clock=clock)
     stamps.accept(STREAM, LARGEST)
     assert stamps.next_stamp() == LARGEST
     assert not is_new(stamps, STREAM, LARGEST)
 
 
-def test_a_stamp_a_day_ahead_is_refused_whoever_sends_it_and_nothing_of_it_is_kept(tmp_path, clock):
-    """Were it taken, everybody with the right clock would be refused for a day, across restarts."""
+def test_rejects_stamp_a_day_ahead_without_storing_it(tmp_path, clock):
+    """If accepted, it would lock out every sender with the correct clock for a day, across restarts."""
     store = tmp_path / "a.time"
     stamps = Stamps(store, clock)
     now = stamps.last
@@ -200,8 +200,8 @@ def test_a_stamp_a_day_ahead_is_refused_whoever_sends_it_and_nothing_of_it_is_ke
     assert int(store.read_text()) == now
 
 
-def test_the_right_clock_is_never_stale_whatever_was_accepted(tmp_path, clock):
-    """One end leads by all that it may, is believed and stored; the vehicle is killed and starts again."""
+def test_correct_clock_is_never_stale_after_a_leading_peer(tmp_path, clock):
+    """A peer with the largest accepted lead is accepted and stored. Then the vehicle is killed and restarted."""
     store = tmp_path / "a.time"
     stamps = Stamps(store, clock)
     stamps.accept(STREAM, stamps.last + MOST_LEAD)
@@ -215,14 +215,14 @@ def test_the_right_clock_is_never_stale_whatever_was_accepted(tmp_path, clock):
 
 
 def _largest_lead(stamps, clock):
-    """Largest lead over the right clock that is accepted (s)."""
+    """Largest accepted lead over the correct clock (s)."""
     now = int(stamp_at(clock.now))
     return max(k for k in range(3000) if is_new(stamps, STREAM, now + k * PER_SECOND // 10)) / 10
 
 
 @pytest.mark.parametrize(("ends", "most"), [("close", 48), ("abandon", 118)])
 def test_restarts_do_not_add_up_to_a_large_lead(tmp_path, clock, ends, most):
-    """A peer that leads by all that it may, and eight restarts."""
+    """A peer with the largest accepted lead over eight restarts."""
     store = tmp_path / "a.time"
     for _ in range(8):
         stamps = Stamps(store, clock)
@@ -253,7 +253,7 @@ def test_peers_that_follow_a_stored_stamp_far_ahead_are_accepted_throughout(tmp_
         clock.now += 1
 
 
-def test_one_that_is_behind_is_told_apart_from_one_that_repeats(clock):
+def test_stale_and_replayed_stamps_are_distinguished(clock):
     stamps = Stamps(clock=clock)
     start = stamps.last
     stamps.accept(STREAM, start + 5)
@@ -262,7 +262,7 @@ def test_one_that_is_behind_is_told_apart_from_one_that_repeats(clock):
     assert stamps.find_refusal((8, 1, 0), start) is Refusal.STALE
 
 
-def test_what_a_wrong_clock_has_stored_is_forgotten_by_a_reset(tmp_path, clock):
+def test_reset_discards_stamp_stored_by_a_wrong_clock(tmp_path, clock):
     store = tmp_path / "a.time"
     clock.now += 86_400
     Stamps(store, clock).close()
@@ -278,7 +278,7 @@ def test_what_a_wrong_clock_has_stored_is_forgotten_by_a_reset(tmp_path, clock):
 
 
 @pytest.mark.parametrize("difference", [-86_400, 86_400])
-def test_another_ends_clock_is_followed_and_not_stored(tmp_path, clock, difference):
+def test_followed_peer_clock_is_not_stored(tmp_path, clock, difference):
     store = tmp_path / "a.time"
     stamps = Stamps(store, clock)
     stamps.accept(STREAM, stamps.last + 1)
@@ -292,7 +292,7 @@ def test_another_ends_clock_is_followed_and_not_stored(tmp_path, clock, differen
     assert store.read_text() == kept
 
 
-def test_many_senders_with_the_key_do_not_fill_the_memory_and_nothing_is_replayed():
+def test_many_streams_are_bounded_without_allowing_replays():
     clock = Clock()
     stamps = Stamps(None, clock)
     clock.now += 10

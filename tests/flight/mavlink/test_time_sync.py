@@ -1,4 +1,4 @@
-"""The estimate against clocks that are known, over delays drawn from the latencies of real modules."""
+"""Clock offset estimate against known clocks, with delays drawn from measured latencies of Bluetooth modules."""
 
 import itertools
 
@@ -15,12 +15,12 @@ OFFSET = 123_456_789_012
 
 
 def theirs(now, drift, offset=OFFSET):
-    """Their clock at a time of ours."""
+    """Remote clock at a local time."""
     return round(offset + now * (1 + drift))
 
 
 def exchange(sync, now, up, down, drift=0.0, offset=OFFSET):
-    """One exchange begun at now; when it is back."""
+    """Make one exchange that starts at now. Return the time of its answer."""
     asked = sync.ask(now)
     back = now + up + down
     assert sync.handle_answer(theirs(now + up, drift, offset) * 100, asked["ts1"], back)
@@ -36,7 +36,7 @@ def draw(path, n, seed):
 
 @pytest.mark.thorough("0.0", "4e-05")
 @pytest.mark.parametrize("drift", [0.0, 4e-5, -1e-4])
-def test_over_a_radio_the_error_stays_below_what_single_exchanges_have(drift):
+def test_error_over_radio_is_below_single_exchange_error(drift):
     """Bluetooth modules, ten exchanges a second for a minute: up 22..90 ms, down 19..67 ms, [1] table 5.1."""
     sync, errors, single = TimeSync(), [], []
     for k, (up, down) in enumerate(zip(draw("up", 600, 1), draw("down", 600, 2), strict=True)):
@@ -51,8 +51,8 @@ def test_over_a_radio_the_error_stays_below_what_single_exchanges_have(drift):
     assert settled.std() < np.std(single) / 5
 
 
-def test_over_a_short_line_offset_and_drift_are_found():
-    """0.2 to 1.2 ms each way, of which the least come through often: a wire with a busy machine at its end."""
+def test_offset_and_drift_are_estimated_over_short_link():
+    """Delays of 0.2 ms plus an exponential part each way, as on a cable to a busy machine."""
     rng, sync, drift = np.random.default_rng(3), TimeSync(), 5e-5
     for k in range(60):
         up, down = (ms("0.2") + int(rng.exponential(ms("0.3"))) for _ in range(2))
@@ -61,8 +61,8 @@ def test_over_a_short_line_offset_and_drift_are_found():
     assert sync.drift == pytest.approx(drift, abs=1e-5)
 
 
-def test_the_line_is_the_weighted_least_squares_one():
-    """Against numpy, where the prior of the drift weighs nothing: exact offsets on a line, any round trips."""
+def test_fitted_offset_matches_numpy_least_squares():
+    """Exact offsets on a straight line, so that the prior of the drift has no weight."""
     rng = np.random.default_rng(4)
     times = np.arange(50) * seconds(1)
     exchanges = [
@@ -75,7 +75,7 @@ def test_the_line_is_the_weighted_least_squares_one():
     assert line.value(int(times[-1])) == pytest.approx(start + slope * times[-1], abs=20)
 
 
-def test_one_exchange_is_enough_to_begin_with_and_bounds_its_error():
+def test_first_exchange_gives_an_offset_with_bounded_error():
     sync = TimeSync()
     assert not sync.is_known
     assert sync.to_local(5) == 5
@@ -90,8 +90,8 @@ def test_one_exchange_is_enough_to_begin_with_and_bounds_its_error():
         st.tuples(st.integers(0, ms(200)), st.integers(0, ms(200)), st.integers(1, ms(400)), st.booleans()), max_size=60
     )
 )
-def test_rising_times_come_out_rising(story):
-    """Whatever the delays are, however rarely times are asked for; at 0.99 to 1.01 of their clock's pace."""
+def test_converted_times_are_monotonic(story):
+    """For any delays and pauses, local time advances at 0.99 to 1.01 of the remote rate."""
     sync, now, given_out = TimeSync(), 0, []
     for up, down, pause, used in story:
         now = exchange(sync, now, up, down) + pause
@@ -102,7 +102,7 @@ def test_rising_times_come_out_rising(story):
         assert 0.99 * (r2 - r1) - 1 <= l2 - l1 <= 1.01 * (r2 - r1) + 1
 
 
-def test_an_older_sample_does_not_move_what_was_given_out():
+def test_older_sample_does_not_change_earlier_conversions():
     sync = TimeSync()
     for k in range(20):
         exchange(sync, k * ms(100), ms(1), ms(40))
@@ -113,7 +113,7 @@ def test_an_older_sample_does_not_move_what_was_given_out():
     assert sync.to_local(late) == first
 
 
-def test_a_restarted_vehicle_is_another_clock_and_time_still_does_not_go_back():
+def test_vehicle_restart_changes_offset_without_backward_time():
     sync, last = TimeSync(), 0
     for k in range(50):
         back = exchange(sync, k * ms(100), ms(20), ms(60))
@@ -132,7 +132,7 @@ def test_a_restarted_vehicle_is_another_clock_and_time_still_does_not_go_back():
 
 
 @pytest.mark.parametrize("wrong", [seconds(3600), -seconds(3600)])
-def test_one_exchange_an_hour_off_changes_nothing(wrong):
+def test_single_exchange_an_hour_off_is_ignored(wrong):
     sync = TimeSync()
     for k in range(50):
         exchange(sync, k * ms(100), ms(20), ms(60))
@@ -146,8 +146,8 @@ def test_one_exchange_an_hour_off_changes_nothing(wrong):
 
 
 @pytest.mark.parametrize("wrong", [seconds(3600), ms(490)])
-def test_a_time_that_is_only_looked_at_is_not_remembered(wrong):
-    """A sample an hour ahead had made every later time of the flight wrong."""
+def test_show_local_leaves_later_conversions_unchanged(wrong):
+    """Regression: a sample an hour ahead made every later time of the flight wrong."""
     sync, other = TimeSync(), TimeSync()
     for k in range(100):
         for each in (sync, other):
@@ -156,7 +156,7 @@ def test_a_time_that_is_only_looked_at_is_not_remembered(wrong):
         assert sync.to_local(theirs(back, 0.0)) == other.to_local(theirs(back, 0.0))
 
 
-def test_without_a_link_the_offset_drifts_on_and_does_not_run_away():
+def test_offset_stays_bounded_without_a_link():
     sync = TimeSync()
     for k in range(20):
         exchange(sync, k * ms(100), ms(100), ms(10))
@@ -166,7 +166,7 @@ def test_without_a_link_the_offset_drifts_on_and_does_not_run_away():
     assert abs(sync.to_local(theirs(later, 0.0)) - later) < ms(60)
 
 
-def test_answers_to_others_late_ones_and_nonsense_are_refused():
+def test_rejects_foreign_late_and_invalid_answers():
     sync = TimeSync()
     asked = sync.ask(1000)
     assert not sync.handle_answer(5, asked["ts1"] + 100, 2000)
@@ -179,8 +179,8 @@ def test_answers_to_others_late_ones_and_nonsense_are_refused():
     assert not sync.handle_answer(5, asked["ts1"], 2000)  # once
 
 
-def test_there_and_back_is_where_it_began():
-    """Over a radio, while the offset turns: what is sent in their time is found again in this end's."""
+def test_remote_and_local_conversions_are_inverse():
+    """Over a radio link while the applied offset is slewed."""
     sync = TimeSync()
     assert sync.to_remote(5) == 5
     for k, (up, down) in enumerate(zip(draw("up", 100, 3), draw("down", 100, 4), strict=True)):
@@ -191,8 +191,8 @@ def test_there_and_back_is_where_it_began():
 
 
 @pytest.mark.parametrize("later", [0, 1_000, ms(5), ms(300), seconds(2)])
-def test_a_question_that_came_twice_is_answered_by_one_clock(later):
-    """A relay doubles packets: the vehicle answers both, and its clock has gone on meanwhile."""
+def test_duplicated_request_is_not_a_second_clock(later):
+    """A relay duplicates the request. The vehicle answers both copies, the second one later."""
     sync = TimeSync()
     asked = sync.ask(0)
     assert sync.handle_answer(theirs(ms(2), 0.0) * 100, asked["ts1"], ms(4))

@@ -1,4 +1,4 @@
-"""An autopilot that speaks as ArduPilot's readme says, and as its parser reads: written from these alone.
+"""A fake ArduPilot, written only from ArduPilot's readme and its parser.
 
 Source: https://github.com/ArduPilot/ardupilot, libraries/SITL/examples/JSON/readme.md and SIM_JSON.cpp.
 """
@@ -20,7 +20,7 @@ class FakeArduPilot:
         self.place, self.channels, self.rate, self.count = ("127.0.0.1", port), channels, rate, 0
 
     def send(self, pulses, count=None):
-        """A frame; the channels that are left get no pulse."""
+        """Send a frame. The remaining channels get no pulse."""
         count = self.count if count is None else count
         magic = {16: 18458, 32: 29569}[self.channels]
         servos = [*pulses, *[0] * (self.channels - len(pulses))]
@@ -28,7 +28,7 @@ class FakeArduPilot:
         self.count = count + 1
 
     def receive(self):
-        """The state that came back; None where nothing comes."""
+        """Return the state received, or None after a timeout."""
         try:
             data = self.socket.recv(65000)
         except TimeoutError:
@@ -44,7 +44,7 @@ class FakeArduPilot:
 
 
 def read_key(line, key, pattern):
-    """The numbers two characters after the first place where a key stands, as ArduPilot scans for them."""
+    """Return the numbers two characters after the first occurrence of a key, as ArduPilot's parser does."""
     match = re.match(pattern, line[line.index(key) + len(key) + 2 :])
     assert match, (key, line)
     return [float(number) for number in match.groups()]

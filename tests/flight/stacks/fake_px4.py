@@ -1,6 +1,6 @@
-"""An autopilot that speaks as PX4's pages say and as its simulator module does: written from these and MAVLink alone.
+"""A fake PX4, written only from PX4's documentation, its simulator module and MAVLink.
 
-It hovers by what HIL_SENSOR and HIL_GPS say and nothing else: a complementary filter, and feedback of place and
+It hovers on HIL_SENSOR and HIL_GPS alone, with a complementary filter and feedback of position and
 attitude. Source: https://docs.px4.io/main/en/simulation/; PX4-Autopilot,
 src/modules/simulation/simulator_mavlink/SimulatorMavlink.cpp; messages by pymavlink.
 """
@@ -25,7 +25,7 @@ class FakePx4:
         self.socket.sendall(self.mav.heartbeat_encode(6, 12, 0, 0, 0).pack(self.mav))
 
     def receive(self):
-        """The next HIL_SENSOR; fixes that came before it are kept. None where the other end has gone."""
+        """Return the next HIL_SENSOR and keep GPS fixes received before it. None if the connection is closed."""
         while True:
             while self.waiting:
                 message = self.waiting.pop(0)
@@ -44,7 +44,7 @@ class FakePx4:
             self.waiting += self.mav.parse_buffer(data) or []
 
     def answer(self, controls, *, armed, whole=False):
-        """HIL_ACTUATOR_CONTROLS: zeros while it is disarmed, unless it is to say what it would do (whole)."""
+        """Send HIL_ACTUATOR_CONTROLS. While disarmed the outputs are zero, except with `whole`."""
         outputs = [*controls, *[0.0] * (16 - len(controls))] if armed or whole else [0.0] * 16
         mode, flags = 1 | (128 if armed else 0), int(self.is_locked)
         message = self.mav.hil_actuator_controls_encode(self.time, outputs, mode, flags)
@@ -59,7 +59,7 @@ class FakePx4:
 
 
 class Estimate:
-    """Attitude by the rates, put right by the field; place and speed by the fixes, carried on by the acceleration."""
+    """Attitude from rates, corrected by the magnetic field; position and velocity from GPS and acceleration."""
 
     def __init__(self):
         self.attitude, self.p, self.v, self.home, self.time, self.field = (
@@ -102,7 +102,7 @@ class Estimate:
         self.attitude = self.attitude + h * np.array(rates)
 
     def lean_on_field(self, field):
-        """The first field, as it stood level and looked north, is the reference."""
+        """Correct the attitude towards the first measured field, taken level and facing north."""
         if self.field is None:
             self.field = field
         wanted = matrix(self.attitude).T @ self.field
@@ -117,7 +117,7 @@ class Estimate:
 
 
 def matrix(attitude):
-    """Body to north-east-down."""
+    """Rotation matrix from body to north-east-down."""
     (sr, sp, sy), (cr, cp, cy) = np.sin(attitude), np.cos(attitude)
     return np.array(
         [

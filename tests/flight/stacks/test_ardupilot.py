@@ -1,4 +1,4 @@
-"""A vehicle as ArduPilot's physics: an autopilot written from ArduPilot's own pages flies it, and what goes wrong."""
+"""A vehicle as ArduPilot's physics, flown by a fake ArduPilot: frames, losses, errors and a hover."""
 
 import math
 import socket
@@ -44,7 +44,7 @@ def boat():
 
 
 class Bench:
-    """Physics and autopilots in one thread: what is sent is handled, and what comes back read."""
+    """Physics and fake autopilots in one thread."""
 
     def __init__(self, scenario, vehicle, log=None):
         vehicle.reset()
@@ -54,7 +54,7 @@ class Bench:
         self.pilot = FakeArduPilot(self.port)
 
     def handle(self):
-        """What waits, one packet; without a log."""
+        """Handle one waiting packet, without a log."""
         ends = iter([False, True])
         return self.physics.serve(stop=lambda: next(ends), tell=self.said.append)
 
@@ -77,7 +77,7 @@ def bench(boat):
 
 
 @pytest.mark.real_time
-def test_each_frame_is_a_step_and_the_vehicle_waits_for_its_pulses(bench):
+def test_vehicle_is_held_until_pulses_then_steps_per_frame(bench):
     states = [bench.exchange(REST) for _ in range(3)]
     assert [s["timestamp"] for s in states] == [0.0, 0.0025, 0.005]
     assert all(s["accel_body"][2] == pytest.approx(-9.80665) and s["velocity"] == [0, 0, 0] for s in states)
@@ -91,8 +91,8 @@ def test_each_frame_is_a_step_and_the_vehicle_waits_for_its_pulses(bench):
 
 
 @pytest.mark.real_time
-def test_its_course_is_that_of_the_compiled_world_under_the_same_command(bench, boat):
-    """By hand: the world's own step, with the command that 1800 µs stands for."""
+def test_motion_matches_the_compiled_world(bench, boat):
+    """Reference: the world's own step, with the command equivalent to 1800 µs."""
     scenario, vehicle = boat
     for _ in range(401):
         state = bench.exchange(PUSH)
@@ -111,7 +111,7 @@ def test_its_course_is_that_of_the_compiled_world_under_the_same_command(bench, 
 
 
 @pytest.mark.real_time
-def test_a_frame_that_comes_again_is_answered_as_before_and_flown_once(bench):
+def test_repeated_frame_gets_the_same_answer_without_stepping(bench):
     first = [bench.exchange(PUSH) for _ in range(5)][-1]
     assert bench.exchange(REST, count=4) == first
     assert bench.physics.tally.repeated == 1
@@ -119,7 +119,7 @@ def test_a_frame_that_comes_again_is_answered_as_before_and_flown_once(bench):
 
 
 @pytest.mark.real_time
-def test_frames_that_were_lost_are_flown_under_the_pulses_of_before(bench, boat):
+def test_lost_frames_are_flown_with_the_previous_pulses(bench, boat):
     for count in range(400):
         bench.exchange(PUSH, count)
     lossy = bench.exchange(REST, count=410)
@@ -136,20 +136,20 @@ def test_frames_that_were_lost_are_flown_under_the_pulses_of_before(bench, boat)
 
 
 @pytest.mark.real_time
-def test_a_gap_of_more_than_a_second_is_flown_for_one(bench):
+def test_frame_gap_is_limited_to_one_second(bench):
     bench.exchange(PUSH, count=0)
     assert bench.exchange(PUSH, count=1_000_000)["timestamp"] == pytest.approx(1.0 + 0.0025)
 
 
 @pytest.mark.real_time
-def test_a_count_beyond_32_bits_begins_again_at_zero_and_is_the_next_one(bench):
+def test_frame_count_wraps_at_32_bits(bench):
     bench.exchange(PUSH, count=2**32 - 1)
     assert bench.exchange(PUSH, count=0)["timestamp"] == 0.0025
     assert bench.physics.tally.missed == 0
 
 
 @pytest.mark.real_time
-def test_a_frame_that_comes_too_late_is_left_alone(bench):
+def test_late_frame_is_ignored_and_counted(bench):
     for count in range(20):
         bench.exchange(PUSH, count)
     assert bench.exchange(REST, count=12) is None
@@ -159,7 +159,7 @@ def test_a_frame_that_comes_too_late_is_left_alone(bench):
 
 @pytest.mark.real_time
 @pytest.mark.parametrize(("last", "count"), [(5, 0), (3000, 0), (3000, 40)])
-def test_a_count_that_goes_back_begins_another_flight(bench, last, count):
+def test_decreasing_frame_count_starts_another_flight(bench, last, count):
     for k in range(last - 3, last + 1):
         bench.exchange(PUSH, k)
     again = bench.exchange(REST, count)
@@ -170,7 +170,7 @@ def test_a_count_that_goes_back_begins_another_flight(bench, last, count):
 
 
 @pytest.mark.real_time
-def test_another_sender_is_not_answered_and_the_first_flies_on(bench, monkeypatch):
+def test_second_sender_is_ignored_until_first_falls_silent(bench, monkeypatch):
     bench.exchange(PUSH)
     other = FakeArduPilot(bench.port)
     try:
@@ -187,7 +187,7 @@ def test_another_sender_is_not_answered_and_the_first_flies_on(bench, monkeypatc
 
 
 @pytest.mark.real_time
-def test_what_is_no_frame_is_counted_told_once_and_not_answered(bench):
+def test_malformed_packet_is_counted_and_reported_once(bench):
     bench.exchange(PUSH)
     for _ in range(3):
         bench.pilot.socket.sendto(b"hello, is this the physics?", bench.pilot.place)
@@ -198,7 +198,7 @@ def test_what_is_no_frame_is_counted_told_once_and_not_answered(bench):
 
 
 @pytest.mark.thorough
-def test_channels_may_be_thirty_two_in_another_order_and_without_a_pulse(boat):
+def test_any_of_32_channels_can_drive_the_command(boat):
     scenario, _ = boat
     vehicle = PulsedVehicle(scenario, seed=0, channels=(20, 3), release=1700e-6)
     reads = vehicle._world.reads
@@ -227,15 +227,15 @@ def test_channels_may_be_thirty_two_in_another_order_and_without_a_pulse(boat):
         (("--ardupilot", "9002"), "is not HOST:PORT"),
     ],
 )
-def test_what_does_not_go_together_is_refused_before_anything_is_compiled(words, said):
+def test_rejects_incompatible_options_before_compiling(words, said):
     refused = CliRunner().invoke(main, ["vehicle", "vessel/path", *words])
     assert refused.exit_code == 2
     assert said in " ".join(refused.output.split())
 
 
 @pytest.mark.real_time
-def test_an_autopilot_written_from_ardupilots_pages_hovers_with_the_quadrotor(tmp_path):
-    """It stands at idle, is let go as its pulses pass 1.5 ms, and flies to a place; then it is started again."""
+def test_fake_ardupilot_hovers_the_quadrotor(tmp_path):
+    """The vehicle idles, is released when its pulses pass 1.5 ms, and flies to a position, in a second flight."""
     port = free_port()
     words = ("--set", "trajectory=place", "--release", "1500", "--duration", "8", "--out", str(tmp_path / "there"))
     place = f"127.0.0.1:{port}"
@@ -268,7 +268,7 @@ def test_an_autopilot_written_from_ardupilots_pages_hovers_with_the_quadrotor(tm
 
 
 class Hover:
-    """Feedback of place and attitude on what ArduPilot would be told, for the publication's quadrotor, in a plus."""
+    """Position and attitude feedback on the data sent to ArduPilot, for the publication's plus quadrotor."""
 
     PLACE = np.array([0.0, 0.0, -3.5])
 
@@ -278,7 +278,7 @@ class Hover:
         self.state = None
 
     def restart(self):
-        """As ArduPilot is: its count begins at zero."""
+        """Restart the autopilot: its frame count begins at zero."""
         self.autopilot.count = 0
 
     def fly_frame(self, pulses):
@@ -288,7 +288,7 @@ class Hover:
         return state
 
     def pulses(self):
-        """Of each rotor: front, right, rear, left; 615 rad/s at 2 ms."""
+        """Pulses of the rotors: front, right, rear, left; 615 rad/s at 2 ms."""
         p, v, angles, w = (np.array(self.state[n]) for n in ("position", "velocity", "attitude", "gyro"))
         a = np.clip(2.0 * (self.PLACE - p) - 2.5 * v, -2.0, 2.0)
         thrust = self.m * (9.81 - a[2])

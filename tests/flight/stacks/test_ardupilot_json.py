@@ -1,4 +1,4 @@
-"""ArduPilot's frames and the answer to them, byte for byte as its readme has them."""
+"""ArduPilot's frames and the answers to them, byte for byte as in its readme."""
 
 import json
 import math
@@ -13,7 +13,7 @@ STATE = PhysicsState((0.1, 0.0, -9.8), (0.0, 1e-5, -0.2), (1.0, -2.0, -3.0), (0.
 
 
 @pytest.mark.parametrize(("magic", "channels"), [(18458, 16), (29569, 32)])
-def test_a_frame_of_either_size(magic, channels):
+def test_parses_frames_of_16_and_32_channels(magic, channels):
     pulses = tuple(range(1000, 1000 + channels))
     packet = bytes.fromhex("1a48" if magic == 18458 else "8173") + struct.pack("<HI", 400, 7)
     packet += b"".join(struct.pack("<H", p) for p in pulses)
@@ -31,7 +31,7 @@ def test_a_frame_of_either_size(magic, channels):
         (struct.pack("<HHI16H", 18458, 0, 7, *PULSES), "frame rate is zero"),
     ],
 )
-def test_what_is_no_frame_is_refused_in_words(packet, why):
+def test_rejects_malformed_frame_with_a_reason(packet, why):
     refused = parse_servos(packet)
     assert isinstance(refused, str)
     assert why in refused
@@ -51,14 +51,14 @@ def test_the_answer_is_one_line_of_json_between_two_line_feeds():
     assert content["airspeed"] == 0.6
 
 
-def test_no_key_stands_within_another_one_before_it():
-    """ArduPilot takes the first place at which a key's letters stand."""
+def test_no_json_key_is_found_inside_an_earlier_one():
+    """ArduPilot reads a key at the first occurrence of its letters."""
     text = format_state(1.0, STATE).decode()
     for key in json.loads(text) | json.loads(text)["imu"]:
         assert text.index(key) == text.index(f'"{key}":') + 1
 
 
-def test_a_motion_that_is_no_number_is_known_as_such():
+def test_non_finite_motion_is_detected():
     assert STATE.is_finite
     assert not STATE._replace(airspeed=math.nan).is_finite
     assert not STATE._replace(position=(0.0, math.inf, 0.0)).is_finite

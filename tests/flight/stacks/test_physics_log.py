@@ -1,4 +1,4 @@
-"""Flights of a vehicle that others fly: a log for each, from the first state, with what people were told."""
+"""Flights of a vehicle under an external autopilot: one log per flight, with the messages to the user."""
 
 import pytest
 
@@ -33,13 +33,13 @@ def flights(boat, tmp_path):
 
 
 def fly(flights, steps):
-    """So many milliseconds, with the count of rows as a signal."""
+    """Advance by `steps` milliseconds, with the step number as a signal."""
     for k in range(steps):
         flights.vehicle.advance(k * ms(1), lambda t, k=k: flights.write_row(t, (k,)))
 
 
 @pytest.mark.thorough
-def test_each_flight_begins_anew_in_a_log_of_its_own(flights, tmp_path):
+def test_each_flight_restarts_with_its_own_log(flights, tmp_path):
     flights.begin("somebody came")
     fly(flights, 20)
     flights.begin("somebody came again")
@@ -57,7 +57,7 @@ def test_each_flight_begins_anew_in_a_log_of_its_own(flights, tmp_path):
     assert (summary.flights, summary.file, summary.problems) == (2, tmp_path / "vehicle-2.mcap", ())
 
 
-def test_a_line_is_told_once_a_flood_of_them_ends_and_a_problem_is_kept(flights):
+def test_reports_are_limited_and_problems_are_kept(flights):
     flights.begin("somebody came")
     for _ in range(3):
         flights.report_once("the same")

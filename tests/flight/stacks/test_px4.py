@@ -1,4 +1,4 @@
-"""A vehicle as PX4's simulator: an autopilot written from PX4's own pages flies it, and what goes wrong."""
+"""A vehicle as PX4's simulator, flown by a fake PX4: lockstep, sensors, errors and a hover."""
 
 import math
 import socket
@@ -40,7 +40,7 @@ def boat():
 
 
 class Bench:
-    """A simulator in a thread, and the port at which an autopilot finds it."""
+    """A simulator in a thread, and its port."""
 
     def __init__(self, scenario, vehicle):
         vehicle.reset()
@@ -68,7 +68,7 @@ def bench(boat):
 
 
 def fly(pilot, controls, samples, *, armed=True):
-    """Answer so many samples; the samples."""
+    """Answer a number of samples and return them."""
     seen = []
     for _ in range(samples):
         seen.append(pilot.receive())
@@ -77,7 +77,7 @@ def fly(pilot, controls, samples, *, armed=True):
 
 
 @pytest.mark.real_time
-def test_each_answer_is_a_step_and_what_is_not_armed_stands_still(bench):
+def test_each_answer_steps_and_disarmed_vehicle_stands_still(bench):
     pilot = FakePx4(bench.port)
     while "PX4 is disarmed" not in bench.said:
         pilot.receive()
@@ -102,7 +102,7 @@ def test_each_answer_is_a_step_and_what_is_not_armed_stands_still(bench):
 
 
 @pytest.mark.real_time
-def test_field_and_pressure_are_those_of_the_place_it_says(bench):
+def test_magnetic_field_and_pressure_match_the_reported_position(bench):
     pilot = FakePx4(bench.port)
     first = pilot.receive()
     fix = pilot.fix
@@ -117,15 +117,15 @@ def test_field_and_pressure_are_those_of_the_place_it_says(bench):
 
 
 @pytest.mark.real_time
-def test_a_control_is_as_far_from_rest_as_its_pulse(boat):
+def test_controls_map_to_pulses_from_1_to_2_ms(boat):
     _, vehicle = boat
     spans = [px4.pulse_span(o) for o in vehicle.outputs]
     assert spans == [(pytest.approx(1.5e-3), pytest.approx(1e-3), pytest.approx(2e-3))] * 2
 
 
 @pytest.mark.real_time
-def test_answers_to_samples_from_before_it_waited_are_passed_over(bench):
-    """Who answers late at first is not a sample behind for ever."""
+def test_answers_to_old_samples_are_ignored(bench):
+    """An autopilot that answers late at first does not stay a sample behind."""
     pilot = FakePx4(bench.port)
     early = [pilot.receive() for _ in range(6)]
     for sample in early[:3]:
@@ -148,7 +148,7 @@ def test_answers_to_samples_from_before_it_waited_are_passed_over(bench):
 
 
 @pytest.mark.real_time
-def test_a_connection_made_anew_begins_another_flight(bench):
+def test_new_connection_starts_another_flight(bench):
     first = FakePx4(bench.port)
     fly(first, PUSH, 50)
     first.close()
@@ -163,7 +163,7 @@ def test_a_connection_made_anew_begins_another_flight(bench):
 
 
 @pytest.mark.real_time
-def test_an_answer_that_does_not_come_is_counted_and_time_goes_on(bench, monkeypatch):
+def test_missing_answer_is_counted_and_time_continues(bench, monkeypatch):
     monkeypatch.setattr(px4, "SILENCE_S", 0.05)
     pilot = FakePx4(bench.port)
     fly(pilot, REST, 2)
@@ -175,7 +175,7 @@ def test_an_answer_that_does_not_come_is_counted_and_time_goes_on(bench, monkeyp
 
 
 @pytest.mark.real_time
-def test_a_px4_that_runs_by_the_clock_gets_samples_in_real_time(bench):
+def test_px4_without_lockstep_gets_samples_in_real_time(bench):
     pilot = FakePx4(bench.port, is_locked=False)
     begin = time.monotonic()
     samples = [pilot.receive() for _ in range(101)]
@@ -188,7 +188,7 @@ def test_a_px4_that_runs_by_the_clock_gets_samples_in_real_time(bench):
 
 
 @pytest.mark.real_time
-def test_what_is_no_mavlink_2_and_no_number_is_refused_in_words(bench):
+def test_rejects_non_mavlink_2_bytes_and_nan_outputs(bench):
     pilot = FakePx4(bench.port)
     fly(pilot, REST, 2)
     pilot.receive()
@@ -214,15 +214,15 @@ def test_what_is_no_mavlink_2_and_no_number_is_refused_in_words(bench):
         (("--px4", "4560"), "is not HOST:PORT"),
     ],
 )
-def test_what_does_not_go_together_is_refused_before_anything_is_compiled(words, said):
+def test_rejects_incompatible_options_before_compiling(words, said):
     refused = CliRunner().invoke(main, ["vehicle", "vessel/path", *words])
     assert refused.exit_code == 2
     assert said in " ".join(refused.output.split())
 
 
 @pytest.mark.real_time
-def test_an_autopilot_written_from_px4s_pages_hovers_with_the_quadrotor_by_its_sensors(tmp_path):
-    """It stands disarmed and at idle, is let go as its pulses pass 1.5 ms, and flies a metre north and two up."""
+def test_fake_px4_hovers_the_quadrotor_on_its_sensors(tmp_path):
+    """The vehicle stands disarmed, then idles, is released when pulses pass 1.5 ms, and flies to a goal."""
     port = free_port()
     words = ("--set", "trajectory=place", "--release", "1500", "--duration", "10", "--out", str(tmp_path / "there"))
     there = Program("vehicle", "quadrotor/track", *words, "--json", "--px4", f"127.0.0.1:{port}", folder=tmp_path)
@@ -259,7 +259,7 @@ GOAL = np.array([1.0, 0.0, -2.0])
 
 
 def hover(own):
-    """Feedback of place and attitude for the publication's quadrotor: front, right, rear, left; 615 rad/s at 1."""
+    """Position and attitude feedback for the publication's quadrotor: front, right, rear, left; 615 rad/s at 1."""
     craft = Multirotor()
     mass, inertia = float(craft.mass), np.asarray(craft.inertia)
     a = np.clip(2.0 * (GOAL - own.p) - 2.5 * own.v, -2.0, 2.0)

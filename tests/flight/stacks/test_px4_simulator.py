@@ -1,4 +1,4 @@
-"""What PX4 and its simulator tell each other, against pymavlink and the words of the messages' definitions."""
+"""Messages between PX4 and its simulator, against pymavlink and the message definitions."""
 
 import math
 
@@ -29,13 +29,13 @@ def end():
 
 
 @pytest.mark.parametrize("name", ["HIL_ACTUATOR_CONTROLS", "HIL_SENSOR", "HIL_GPS"])
-def test_the_messages_are_those_of_mavlinks_common_dialect(end, name):
+def test_simulator_messages_match_the_common_dialect(end, name):
     ours, theirs = end.dialect.definitions[name], common.mavlink_map[end.dialect.definitions[name].id]
     assert (theirs.msgname, theirs.crc_extra) == (name, ours.crc_extra)
     assert theirs.unpacker.size == ours.size
 
 
-def test_a_sample_says_what_it_updates_in_the_units_of_the_message(end):
+def test_sensor_message_has_correct_units_and_update_flags(end):
     frame = end.pack("HIL_SENSOR", sensor_fields(12_340_000, STATE, AROUND, INERTIAL | MAGNETIC | PRESSURES))
     (read,) = common.MAVLink(None).parse_buffer(frame)
     assert read.time_usec == 1_234_000
@@ -50,7 +50,7 @@ def test_a_sample_says_what_it_updates_in_the_units_of_the_message(end):
     assert common.HIL_SENSOR_UPDATED_ABS_PRESSURE & PRESSURES
 
 
-def test_a_fix_is_in_integers_of_its_units(end):
+def test_gps_message_uses_scaled_integer_units(end):
     (read,) = common.MAVLink(None).parse_buffer(end.pack("HIL_GPS", fix_fields(10_000_000, STATE, AROUND)))
     assert (read.lat, read.lon, read.alt) == (389897000, -769378000, 23000)
     assert (read.vn, read.ve, read.vd, read.vel) == (300, -400, -150, 500)
@@ -58,7 +58,7 @@ def test_a_fix_is_in_integers_of_its_units(end):
     assert (read.fix_type, read.time_usec) == (common.GPS_FIX_TYPE_3D_FIX, 1_000_000)
 
 
-def test_what_px4_answers_is_read(end):
+def test_actuator_controls_are_read_and_nan_is_rejected(end):
     mav = common.MAVLink(None, 1, 1)
     outputs = [0.5, -0.25, *[0.0] * 14]
     for mode, flags in ((129, 1), (1, 0)):

@@ -1,4 +1,4 @@
-"""pymavlink's own clients, on a line that is one program: what they send is answered at once, by virtual time."""
+"""pymavlink's clients connected to a vehicle in the same program, in virtual time, with immediate answers."""
 
 from collections import deque
 
@@ -14,7 +14,7 @@ MODES = {0: "MANUAL", 4: "HOLD", 15: "GUIDED"}
 
 
 class Master:
-    """A connection as mavutil makes them: `mav` sends, `recv_match` receives; the vehicle lives in between."""
+    """A connection with mavutil's interface (`mav` sends, `recv_match` receives) that contains the vehicle."""
 
     mavlink20, WIRE_PROTOCOL_VERSION = staticmethod(lambda: True), "2.0"
 
@@ -61,7 +61,7 @@ class Master:
         return None
 
     def heard(self, name, steps=200):
-        """All messages of a name that come in so many milliseconds."""
+        """All messages of a name received within a number of milliseconds."""
         self.step(steps)
         found = [m for m in self._queue if m.get_type() == name]
         self._queue.clear()

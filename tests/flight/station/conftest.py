@@ -1,4 +1,4 @@
-"""The same dialect and the same two ends of a line as in the tests of mavlink."""
+"""The dialect and endpoint pairs of the tests of mavlink."""
 
 from flight.mavlink.conftest import _own_cache, clock, dialect, open_pair, pair
 

@@ -1,4 +1,4 @@
-"""Checks before arming: what they say, and their way over a line."""
+"""Checks before arming: their texts and their transfer over a link."""
 
 import math
 
@@ -25,13 +25,13 @@ def line():
 
 
 def ask(line):
-    """The vehicle's answer, and the asker's ear."""
+    """Request the checks and return the messages of the vehicle's answer."""
     (question,) = line.there.feed(line.here.pack("COMMAND_LONG", {"command": 401}))
     packets = pack_checks(line.there, question, CHECKS)
     return [message for packet in packets for message in line.here.feed(packet)]
 
 
-def test_a_check_says_what_it_found_and_what_to_do():
+def test_check_texts_give_value_limit_and_fix():
     assert [c.passes for c in CHECKS] == [False, False, True, False, True]
     assert CHECKS[0].sentence == "compass age: 3.2 s, at most 0.28 s; switch compass on"
     assert CHECKS[1].record == "check space for the log: 50 MB, at least 100 MB: refused"
@@ -41,13 +41,13 @@ def test_a_check_says_what_it_found_and_what_to_do():
     assert ArmingCheck("space for the log", 2.5e6, 100.0, "MB").value_text == "2500000 MB"
 
 
-def test_what_nobody_can_wait_for_is_said_first():
+def test_problem_that_does_not_heal_is_reported_first():
     assert first_problem(CHECKS) == CHECKS[3].sentence
     assert first_problem(CHECKS[:3]) == CHECKS[0].sentence
     assert first_problem(CHECKS[2:3]) == ""
 
 
-def test_checks_come_over_a_line_as_they_are(line):
+def test_checks_round_trip_over_the_link_and_expire(line):
     remote = RemoteChecks()
     messages = ask(line)
     assert {(m.get("target_system"), m.get("target_component")) for m in messages} == {(1, 191)}
@@ -59,14 +59,14 @@ def test_checks_come_over_a_line_as_they_are(line):
     assert remote.current(ms(5) + seconds(1) + 1) == []  # they are old
 
 
-def test_it_asks_five_times_a_second_and_gives_a_vehicle_up_that_has_none():
+def test_checks_are_requested_at_5_hz_then_abandoned():
     remote = RemoteChecks()
     times = [t for t in range(0, seconds(5), ms(10)) if remote.is_due(t)]
     assert times == [k * ms(200) for k in range(MOST_ASKS)]
     assert remote.has_none
 
 
-def test_an_armed_vehicle_refuses_to_tell(line):
+def test_refusal_means_no_checks_unless_received_before(line):
     remote, other = RemoteChecks(), RemoteChecks()
     other.handle_refusal()
     assert other.has_none
@@ -76,7 +76,7 @@ def test_an_armed_vehicle_refuses_to_tell(line):
     assert not remote.has_none
 
 
-def test_what_is_not_a_check_is_passed_over(line):
+def test_invalid_check_packets_are_ignored(line):
     remote = RemoteChecks()
     (message, *_) = ask(line)
     fields = message.fields()

@@ -1,4 +1,4 @@
-"""Files over a line: pymavlink's own client reads them; nothing else can be read, and nothing written."""
+"""File transfer with pymavlink's client: only listed files can be read, and none written."""
 
 import os
 import struct
@@ -47,7 +47,7 @@ def client(master):
 
 
 def ask(master, operation, *, number=7, session=0, offset=0, data=b"", size=None, steps=0):
-    """One raw request; the answers as (number, operation, asked operation, end of burst, offset, data)."""
+    """Send one raw request. Return answers as (number, operation, asked operation, end of burst, offset, data)."""
     size = len(data) if size is None else size
     payload = struct.pack("<HBBBBBBI", number, session, operation, size, 0, 0, 0, offset) + data
     master.mav.file_transfer_protocol_send(0, 1, 1, list(payload.ljust(251, b"\0")))
@@ -58,7 +58,7 @@ def ask(master, operation, *, number=7, session=0, offset=0, data=b"", size=None
     return answers
 
 
-def test_the_list_has_logs_and_nothing_else(dialect, folder):
+def test_listing_shows_logs_only(dialect, folder):
     found = client(connect(dialect, folder)).cmd_list(["/logs"]).directory_listing
     assert [(e.name, e.size_b) for e in found] == [
         ("empty.mcap", 0),
@@ -70,12 +70,12 @@ def test_the_list_has_logs_and_nothing_else(dialect, folder):
 
 
 @pytest.mark.parametrize("name", ["vehicle.mcap", "exact.mcap"])
-def test_a_log_comes_whole(dialect, folder, name):
+def test_log_is_transferred_completely(dialect, folder, name):
     got = client(connect(dialect, folder)).read(f"/logs/{name}", 1 << 30)
     assert got == (folder / name).read_bytes()
 
 
-def test_a_log_comes_whole_over_a_line_that_loses_a_seventh(dialect, folder):
+def test_log_is_transferred_completely_over_a_lossy_link(dialect, folder):
     master = connect(dialect, folder, lossy=lambda n: n % 7 == 3)
     reader = client(master)
     reader.ftp_settings.retry_time, reader.ftp_settings.read_retry_time = 0.2, 0.1
@@ -102,12 +102,12 @@ def test_a_log_comes_whole_over_a_line_that_loses_a_seventh(dialect, folder):
         "/logs",
     ],
 )
-def test_nothing_else_can_be_opened(dialect, folder, path):
+def test_files_outside_the_listing_cannot_be_opened(dialect, folder, path):
     ((_, operation, asked, _, _, why),) = ask(connect(dialect, folder), OPEN, data=path.encode())
     assert (operation, asked, why) == (NAK, OPEN, bytes((10,)))
 
 
-def test_what_would_write_is_refused_at_once_and_leaves_the_folder_as_it_was(dialect, folder):
+def test_write_operations_are_refused_without_changing_the_folder(dialect, folder):
     master, before = connect(dialect, folder), sorted(p.name for p in folder.iterdir())
     for operation in range(6, 15):
         ((_, answer, _, _, _, why),) = ask(master, operation, number=operation, data=b"/logs/vehicle.mcap")
@@ -118,8 +118,8 @@ def test_what_would_write_is_refused_at_once_and_leaves_the_folder_as_it_was(dia
     assert sorted(p.name for p in folder.iterdir()) == before
 
 
-def test_logs_are_not_read_while_it_flies_documents_are(dialect, folder, monkeypatch):
-    """The disk may hang, or hold very many files: nothing of it is touched in flight, a list is the last one."""
+def test_in_flight_documents_are_read_but_not_logs(dialect, folder, monkeypatch):
+    """The disk may hang or hold many files, so no disk access happens in flight. The last listing is sent."""
     master = connect(dialect, folder)
     ask(master, OPEN, data=b"/logs/vehicle.mcap")
     listed = ask(master, LIST, number=7, data=b"/logs")[0]
@@ -135,7 +135,7 @@ def test_logs_are_not_read_while_it_flies_documents_are(dialect, folder, monkeyp
 
 @pytest.mark.parametrize("is_armed", [False, True])
 def test_a_listing_on_a_disk_that_hangs_is_answered_at_once(folder, monkeypatch, is_armed):
-    """The loop gets the last list, and starts no second listing, until the disk answers."""
+    """Until the disk answers, the loop gets the last listing and starts no second one."""
     hung, listings = threading.Event(), []
 
     def scan(path):
@@ -165,7 +165,7 @@ def test_a_burst_ends_when_the_vehicle_is_armed(dialect, folder):
     assert master.heard(FILE_TRANSFER, 100) == []
 
 
-def test_a_burst_is_no_quicker_than_the_rate_and_ends_by_itself(dialect, folder):
+def test_burst_respects_the_rate_limit_and_ends(dialect, folder):
     master = connect(dialect, folder, rate=20e3)
     ask(master, OPEN, data=b"/logs/vehicle.mcap")
     answers = ask(master, BURST, number=8, size=239, steps=1000)
@@ -177,7 +177,7 @@ def test_a_burst_is_no_quicker_than_the_rate_and_ends_by_itself(dialect, folder)
     assert [payload[6] for payload in rest] == [0] * (len(rest) - 1) + [1]
 
 
-def test_the_same_request_twice_has_the_same_answer_and_opens_nothing_more(dialect, folder):
+def test_repeated_request_gets_same_answer_without_new_session(dialect, folder):
     master = connect(dialect, folder)
     first = ask(master, OPEN, data=b"/logs/vehicle.mcap")
     for _ in range(10):
@@ -185,7 +185,7 @@ def test_the_same_request_twice_has_the_same_answer_and_opens_nothing_more(diale
     assert ask(master, OPEN, number=8, data=b"/logs/exact.mcap")[0][1] == ACK
 
 
-def test_places_are_few_and_an_idle_one_is_given_to_who_comes(dialect, folder):
+def test_number_of_sessions_is_limited_and_idle_ones_reused(dialect, folder):
     master = connect(dialect, folder)
     opened = [ask(master, OPEN, number=n, data=b"/logs/exact.mcap")[0] for n in range(5)]
     assert [operation for _, operation, *_ in opened] == [ACK] * 4 + [NAK]
@@ -195,7 +195,7 @@ def test_places_are_few_and_an_idle_one_is_given_to_who_comes(dialect, folder):
     assert ask(master, READ, number=11, session=1, size=10)[0][1] == NAK
 
 
-def test_nobody_reads_in_anothers_session(dialect, folder):
+def test_session_is_private_to_its_station(dialect, folder):
     master = connect(dialect, folder)
     ask(master, OPEN, data=b"/logs/exact.mcap")
     assert ask(master, READ, number=8, size=10)[0][5] == (folder / "exact.mcap").read_bytes()[:10]
@@ -211,7 +211,7 @@ def test_nobody_reads_in_anothers_session(dialect, folder):
 @pytest.mark.thorough
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 255), st.integers(0, 4), st.integers(0, 2**32 - 1), st.binary(max_size=239))))
-def test_no_request_makes_it_fail_and_each_but_a_burst_is_answered(dialect, tmp_path_factory, requests):
+def test_every_fuzzed_request_is_answered(dialect, tmp_path_factory, requests):
     folder = tmp_path_factory.getbasetemp() / "fuzzed"
     folder.mkdir(exist_ok=True)
     (folder / "a.mcap").write_bytes(b"abc")

@@ -20,7 +20,7 @@ WORLD = {f"world.vehicle.number_{k}": repr(k / 7) for k in range(40)} | {"scenar
 
 
 class Line:
-    """Both ends; `lose` tells which packets never arrive."""
+    """Both ends of a link. lose: True for the numbers of packets that are lost."""
 
     def __init__(self, theirs, ours, lose=lambda n: False):
         self.vehicle, self.pilot = Endpoint(DIALECT, 1, 1, unsigned=True), Endpoint(DIALECT, 1, 191, unsigned=True)
@@ -43,20 +43,20 @@ class Line:
 
 
 def line_number(entries):
-    """The number that stands for an identity in a request to arm."""
+    """Number of an identity as sent in an arming request."""
     number = digest_number(identity_digest(entries))
     assert float(np.float32(number)) == number
     return number
 
 
-def test_the_same_identity_is_one_question():
+def test_equal_settings_show_no_differences():
     comparison = Line(WORLD, WORLD).run(ms(2000))
     assert comparison.is_known
     assert comparison.differences() == []
     assert comparison.number == line_number(WORLD) != 0
 
 
-def test_a_setting_that_changes_later_is_noticed_within_a_second():
+def test_later_setting_change_is_detected():
     line = Line(WORLD, WORLD)
     assert line.run(ms(1000)).differences() == []
     line.service.change("world.vehicle.number_3", np.float64(9.0))
@@ -67,7 +67,7 @@ def test_a_setting_that_changes_later_is_noticed_within_a_second():
 
 
 @pytest.mark.parametrize("lose", [lambda n: False, lambda n: n % 3 == 1])
-def test_differences_are_told_by_path_with_both_values_whatever_is_lost(lose):
+def test_differences_give_path_and_values_despite_packet_loss(lose):
     theirs = WORLD | {"world.vehicle.number_7": "2.8", "scenario": "hovercraft/forward", "only.there": "1.0"}
     ours = WORLD | {"only.here": "2.0"}
     line = Line(theirs, ours, lose)
@@ -83,14 +83,14 @@ def test_differences_are_told_by_path_with_both_values_whatever_is_lost(lose):
     assert [d.path for d in left] == ["world.vehicle.number_7"]
 
 
-def test_a_vehicle_that_can_not_say_is_known_for_that():
+def test_vehicle_that_never_answers_is_reported_unanswered():
     line = Line(WORLD, WORLD, lambda n: True)
     assert not line.run(ms(500) * (MOST_ASKS - 1)).is_unanswered
     assert line.run(ms(1500)).is_unanswered
     assert line.comparison.differences() == []
 
 
-def test_a_setting_that_was_changed_in_flight_is_another_identity():
+def test_setting_changed_on_the_vehicle_is_a_difference():
     line = Line(WORLD, WORLD)
     line.service.change("world.vehicle.number_3", np.float64(9.0))
     line.service.change("nothing.of.it", 1.0)
@@ -99,7 +99,7 @@ def test_a_setting_that_was_changed_in_flight_is_another_identity():
     ]
 
 
-def test_values_keep_all_digits_and_tables_are_their_hash():
+def test_values_keep_all_digits_and_tables_are_hashed():
     assert format_value(0.1 + 0.2) == "0.30000000000000004"
     assert (format_value("text"), format_value(True), format_value(None)) == ("text", "True", "None")
     assert format_value(np.array([1, 2.5])) == "1.0 2.5"
@@ -112,7 +112,7 @@ def test_values_keep_all_digits_and_tables_are_their_hash():
     assert identity_digest({"a": "1"}) != identity_digest({"a": "2"})
 
 
-def test_nonsense_is_passed_over():
+def test_invalid_packets_are_ignored():
     line = Line(WORLD, WORLD)
     for kind, length, payload in ((0xF475, 3, ()), (0xF475, 128, ()), (7, 20, ()), (0xF475, 255, (255,) * 128)):
         fields = {"payload_type": kind, "payload_length": length, "payload": (*payload, *(0,) * (128 - len(payload)))}

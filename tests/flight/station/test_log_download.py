@@ -1,4 +1,4 @@
-"""Logs by MAVLink's own messages, as most stations' log pages ask for them."""
+"""Log download by MAVLink's LOG messages, as used by most ground stations."""
 
 import os
 
@@ -24,14 +24,14 @@ def listed(master):
     return [(m.id, m.num_logs, m.last_log_num, m.size) for m in master.heard("LOG_ENTRY")]
 
 
-def test_the_list_tells_each_log_and_its_size(master):
+def test_list_gives_number_and_size_of_each_log(master):
     assert listed(master) == [(1, 2, 2, 1000), (2, 2, 2, 900)]
     master.mav.log_request_list_send(1, 1, 2, 2)
     (entry,) = master.heard("LOG_ENTRY")
     assert (entry.id, entry.time_utc) == (2, 1_700_000_000)
 
 
-def test_where_there_are_none_one_entry_says_so_at_once(dialect):
+def test_empty_list_is_answered_by_one_entry(dialect):
     master = Master(dialect, [LogService(Endpoint(dialect, 1, 1, unsigned=True), ServedFiles(), 1e6)])
     master.mav.log_request_list_send(1, 1, 0, 0xFFFF)
     (entry,) = master.heard("LOG_ENTRY", 0)
@@ -39,7 +39,7 @@ def test_where_there_are_none_one_entry_says_so_at_once(dialect):
 
 
 @pytest.mark.parametrize(("number", "size"), [(1, 1000), (2, 900)])
-def test_its_bytes_come_whole_and_the_last_piece_is_short(master, tmp_path, number, size):
+def test_log_bytes_are_complete_and_last_piece_is_short(master, tmp_path, number, size):
     listed(master)
     master.mav.log_request_data_send(1, 1, number, 0, 0xFFFFFFFF)
     pieces = master.heard("LOG_DATA")
@@ -49,7 +49,7 @@ def test_its_bytes_come_whole_and_the_last_piece_is_short(master, tmp_path, numb
     assert len(whole) == size
 
 
-def test_a_part_is_asked_for_again(master, tmp_path):
+def test_part_of_a_log_can_be_requested(master, tmp_path):
     listed(master)
     master.mav.log_request_data_send(1, 1, 1, 180, 90)
     (piece,) = master.heard("LOG_DATA")
@@ -57,14 +57,14 @@ def test_a_part_is_asked_for_again(master, tmp_path):
     assert bytes(piece.data) == (tmp_path / "flight.mcap").read_bytes()[180:270]
 
 
-def test_bytes_come_without_a_list_before(master, tmp_path):
-    """Some stations ask so, also after the vehicle has restarted."""
+def test_log_can_be_requested_without_listing_first(master, tmp_path):
+    """Some stations do so, also after a vehicle restart."""
     master.mav.log_request_data_send(1, 1, 1, 0, 90)
     (piece,) = master.heard("LOG_DATA")
     assert bytes(piece.data) == (tmp_path / "flight.mcap").read_bytes()[:90]
 
 
-def test_no_bytes_of_one_that_is_not_listed_nor_while_it_flies(master):
+def test_no_bytes_of_unlisted_logs_or_in_flight(master):
     listed(master)
     master.mav.log_request_data_send(1, 1, 3, 0, 90)
     assert [m.count for m in master.heard("LOG_DATA")] == [0]
@@ -75,13 +75,13 @@ def test_no_bytes_of_one_that_is_not_listed_nor_while_it_flies(master):
     assert [m.count for m in master.heard("LOG_DATA")] == [0]
 
 
-def test_erasing_is_refused_in_words(master, tmp_path):
+def test_erase_request_is_refused_with_a_text(master, tmp_path):
     master.mav.log_erase_send(1, 1)
     assert ["not erased" in m.text for m in master.heard("STATUSTEXT")] == [True]
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_an_end_ends_it(master):
+def test_end_request_stops_the_download(master):
     listed(master)
     master.mav.log_request_data_send(1, 1, 1, 0, 1000)
     assert len(master.heard("LOG_DATA", 2)) == 2

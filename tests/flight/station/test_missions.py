@@ -1,4 +1,4 @@
-"""A vehicle without missions says so at once: pymavlink's mission client is not kept waiting."""
+"""A vehicle without missions answers mission requests at once, so that clients do not wait."""
 
 import pytest
 from flight.station.clients import Master, common
@@ -14,14 +14,14 @@ def master(dialect):
     return Master(dialect, [MissionService(Endpoint(dialect, 1, 1, unsigned=True))])
 
 
-def test_results_are_those_of_the_common_dialect():
+def test_result_codes_match_the_common_dialect():
     assert MissionResult.ACCEPTED == common.MAV_MISSION_ACCEPTED
     assert MissionResult.UNSUPPORTED == common.MAV_MISSION_UNSUPPORTED
     assert MissionResult.INVALID_SEQUENCE == common.MAV_MISSION_INVALID_SEQUENCE
 
 
 @pytest.mark.parametrize("kind", [MISSION, FENCE, RALLY])
-def test_there_are_none(master, kind):
+def test_mission_list_is_empty_and_clearing_is_accepted(master, kind):
     master.mav.mission_request_list_send(1, 1, kind)
     (count,) = master.heard("MISSION_COUNT", 0)
     assert (count.count, count.mission_type, count.target_system, count.target_component) == (0, kind, 255, 190)
@@ -42,12 +42,12 @@ def test_there_are_none(master, kind):
         (lambda mav: mav.mission_item_int_send(1, 1, 0, 0, 16, 0, 1, 0, 0, 0, 0, 1, 2, 3), MissionResult.UNSUPPORTED),
     ],
 )
-def test_what_can_not_be_done_is_refused_at_once(master, ask, result):
+def test_mission_requests_are_answered_at_once(master, ask, result):
     ask(master.mav)
     (answer,) = master.heard("MISSION_ACK", 0)
     assert answer.type == result
 
 
-def test_what_is_for_another_is_left_alone(master):
+def test_requests_to_another_vehicle_are_ignored(master):
     master.mav.mission_request_list_send(2, 1, MISSION)
     assert master.heard("MISSION_COUNT") == []

@@ -1,4 +1,4 @@
-"""The hash of parameters as PX4 and QGroundControl make it, worked out bit by bit from what pymavlink heard."""
+"""Parameter hash of PX4 and QGroundControl, recomputed bit by bit from values received by pymavlink."""
 
 import struct
 
@@ -10,7 +10,7 @@ from trimtab.flight.station.parameters import Parameters
 
 
 def crc_by_bits(data):
-    """CRC-32 with the reflected polynomial 0xEDB88320 that begins with 0 and ends as it is."""
+    """CRC-32 with the reflected polynomial 0xEDB88320, initial value 0 and no final XOR."""
     value = 0
     for byte in data:
         value ^= byte
@@ -33,7 +33,7 @@ def listed(master):
     return master.heard("PARAM_VALUE", 1000)
 
 
-def test_the_list_begins_with_the_hash_of_what_follows(master):
+def test_parameter_list_begins_with_its_hash(master):
     first, *rest = listed(master)
     assert (first.param_id, first.param_type, first.param_index) == ("_HASH_CHECK", common.MAV_PARAM_TYPE_UINT32, 65535)
     assert first.param_count == len(rest) == 7
@@ -43,7 +43,7 @@ def test_the_list_begins_with_the_hash_of_what_follows(master):
     assert bits(first) == crc_by_bits(data)
 
 
-def test_it_changes_with_a_value_and_comes_back(master):
+def test_hash_changes_with_a_value_and_returns(master):
     def ask():
         master.mav.param_request_read_send(1, 1, b"_HASH_CHECK", -1)
         return bits(master.recv_match("PARAM_VALUE"))
@@ -55,21 +55,21 @@ def test_it_changes_with_a_value_and_comes_back(master):
         assert (ask() == before) == same
 
 
-def test_a_station_that_has_them_all_ends_the_list(master):
+def test_station_ends_the_list_by_returning_the_hash(master):
     master.mav.param_request_list_send(1, 1)
     (first,) = master.heard("PARAM_VALUE", 10)
     master.mav.param_set_send(1, 1, b"_HASH_CHECK", first.param_value, common.MAV_PARAM_TYPE_UINT32)
     assert master.heard("PARAM_VALUE", 1000) == []
 
 
-def test_a_list_that_is_asked_for_again_meanwhile_has_no_hash(master):
+def test_list_requested_again_while_sending_has_no_hash(master):
     master.mav.param_request_list_send(1, 1)
     master.heard("PARAM_VALUE", 30)
     assert [m.param_id for m in listed(master)] == list(parameters().table())
 
 
 def test_every_hash_keeps_its_bits_on_the_wire(dialect, monkeypatch):
-    """As a float of 32 bits some are no numbers, whose bits a processor changes when it converts them."""
+    """Some hashes are NaN when read as float32, and a conversion would change their bits."""
     monkeypatch.setattr(Parameters, "digest", 0x7F812345)
     master = Master(dialect)
     master.mav.param_request_read_send(1, 1, b"_HASH_CHECK", -1)

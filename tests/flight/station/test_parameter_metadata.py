@@ -1,4 +1,4 @@
-"""Metadata of parameters as ground stations fetch it: pointed at by a message, read by pymavlink's file client."""
+"""Parameter metadata: location given by a message, file read by pymavlink's file client."""
 
 import json
 import lzma
@@ -30,7 +30,7 @@ def fetch(master, uri):
     return mavftp.MAVFTP(master, 1, 1).read(uri.removeprefix("mftp://"), 1 << 20)
 
 
-def test_a_station_finds_unit_bounds_and_default_of_each(master, dialect):
+def test_metadata_gives_unit_bounds_and_default_of_parameters(master, dialect):
     master.mav.request_data_stream_send(1, 1, 0, 4, 1)  # all: of those that every station knows
     master.mav.heartbeat_send(6, 8, 0, 0, 0)
     assert [m.get_type() for m in master.heard("HEARTBEAT", 1500)] != []

@@ -33,7 +33,7 @@ def parameters() -> Parameters:
     return Parameters(Outer(Inner(2.6, np.array([0.1, 0.2]), 3, 1, True), 0.2), "world.vehicle")
 
 
-def test_every_number_has_a_name_a_path_and_a_value():
+def test_every_parameter_has_a_name_path_and_value():
     own = parameters()
     assert own.table() == {
         "WVI_MASS": ("world.vehicle.inner.mass", 0),
@@ -55,13 +55,13 @@ PATHS = st.lists(st.text("abc_é0-", min_size=1, max_size=20), min_size=1, max_s
 
 @settings(max_examples=40)
 @given(st.lists(PATHS, unique=True, max_size=40))
-def test_names_are_legal_and_differ(paths):
+def test_parameter_names_are_valid_and_unique(paths):
     names = parameter_names(paths)
     assert len(set(names)) == len(names) == len(paths)
     assert all(0 < len(n) <= 16 and n.isascii() for n in names)
 
 
-def test_a_name_depends_on_others_only_where_they_meet():
+def test_name_depends_on_others_only_on_collision():
     assert parameter_names(["autopilot.law.lateral_gain"]) == ["AL_LATERAL_GAIN"]
     assert (
         parameter_names(["autopilot.law.k2", "world.x.mass"])[0] == parameter_names(["autopilot.law.k2"])[0] == "AL_K2"
@@ -89,7 +89,7 @@ def test_a_name_depends_on_others_only_where_they_meet():
         ("WVI_MASS", -5e-324, "smaller than any normal number"),
     ],
 )
-def test_what_was_declared_holds(name, value, why):
+def test_values_beyond_declared_bounds_are_rejected(name, value, why):
     own = parameters()
     index = own.find_index(name, -1)
     before = own.values[index]
@@ -107,7 +107,7 @@ class Unbounded:
     none: Scalar = quantity("s", "A time that is off.", low=0.0, default=0.0)
 
 
-def test_what_has_no_bound_stays_near_its_value_at_the_start():
+def test_unbounded_parameters_stay_near_their_start_value():
     own = Parameters(Unbounded(), "law")
     assert [own.bounds(k) for k in range(4)] == [(-22.0, 18.0), (-10.0, 10.0), (0.0, 4.0), (0.0, 10.0)]
     assert own.change_value(1, 10.0) == ""
@@ -115,19 +115,19 @@ def test_what_has_no_bound_stays_near_its_value_at_the_start():
     assert "at most 10 in flight" in own.change_value(1, 1e6)
 
 
-def test_the_numbers_of_a_fault_are_not_bounded_by_its_zeros():
+def test_fault_parameters_are_not_bounded_around_zero():
     own = Parameters(Unbounded(), "world.sensors.navigation.fault")
     assert own.change_value(1, 1e4) == ""
 
 
-def test_a_value_between_its_bounds_or_at_one_is_taken():
+def test_values_within_bounds_are_accepted():
     own = parameters()
     for index, value in ((1, -1.0), (1, 0.9), (2, 1.0), (3, 0.0), (4, 0.0), (0, 0.3), (0, 25.9)):
         assert own.change_value(index, value) == ""
         assert own.values[index] == value
 
 
-def test_a_value_that_reads_the_same_keeps_its_digits():
+def test_float32_read_back_keeps_the_stored_digits():
     own = parameters()
     read = round_to_float32(2.6)
     assert read != 2.6
@@ -135,7 +135,7 @@ def test_a_value_that_reads_the_same_keeps_its_digits():
     assert (own.change_value(0, 3.5), own.values[0]) == ("", 3.5)
 
 
-def test_as_float_is_what_four_bytes_hold():
+def test_rounding_to_float32_matches_four_bytes():
     assert round_to_float32(0.1) == struct.unpack("f", struct.pack("f", 0.1))[0]
     assert round_to_float32(-1e300) == -math.inf
 
@@ -148,7 +148,7 @@ class Tables:
     long: object = quantity("1", "One more.")
 
 
-def test_tables_are_no_parameters():
+def test_tables_are_not_parameters():
     listed = Parameters(Tables(np.zeros(64), np.zeros((5, 13)))).listed
     assert {p.path for p in listed} == {"short"}
     assert len(listed) == 64

@@ -1,4 +1,4 @@
-"""The vehicle's end against a ground station's, over packets; and against pymavlink's meaning of the numbers."""
+"""Standard services of a vehicle, used by a ground station over packets. Numbers are compared with pymavlink's."""
 
 import math
 
@@ -39,7 +39,7 @@ class Line:
         self.station = Station(self.vehicle, parameters(), MODES, **{"vehicle": kind, **how})
 
     def ask(self, name, now=0, **fields):
-        """Send a message; what comes back, and the events."""
+        """Send a message. Return the replies and the events."""
         events, replies = [], []
         for message in self.vehicle.feed(self.ground.pack(name, fields)):
             done = self.station.handle_message(message, now)
@@ -48,7 +48,7 @@ class Line:
         return replies, events
 
     def command(self, number, *params, **fields):
-        """Send a COMMAND_LONG; the result, the texts and the events."""
+        """Send a COMMAND_LONG. Return the result, the texts and the events."""
         given = {f"param{k + 1}": v for k, v in enumerate(params)}
         replies, events = self.ask(
             "COMMAND_LONG", command=number, target_system=1, target_component=1, **given, **fields
@@ -65,7 +65,7 @@ def line(dialect):
     return Line(dialect)
 
 
-def test_numbers_are_those_of_the_common_dialect():
+def test_enum_values_match_the_common_dialect():
     common = pytest.importorskip("pymavlink.dialects.v20.common")
     for ours, theirs in (
         ("CommandCode.ARM", "MAV_CMD_COMPONENT_ARM_DISARM"),
@@ -104,7 +104,7 @@ def test_numbers_are_those_of_the_common_dialect():
     assert common.MAVLINK_MSG_ID_SET_MODE == protocol.SET_MODE_MESSAGE
 
 
-def test_a_heartbeat_a_second_tells_mode_and_arming(line):
+def test_heartbeat_each_second_gives_mode_and_arming(line):
     beats = []
     for k in range(41):
         line.station.status = Status(mode=4, armed=k > 20, state=protocol.State.ACTIVE)
@@ -115,14 +115,14 @@ def test_a_heartbeat_a_second_tells_mode_and_arming(line):
     assert [m.name for m in line.due(0)] == ["HEARTBEAT"]  # the clock went back
 
 
-def test_time_is_answered_with_both_times(line):
+def test_timesync_answer_holds_both_times(line):
     ((answer,), events) = line.ask("TIMESYNC", now=12_345_678, tc1=0, ts1=777)
     assert (answer.get("tc1"), answer.get("ts1")) == (1_234_567_800, 777)
     assert not events
     assert line.ask("TIMESYNC", tc1=5, ts1=777) == ([], [])  # an answer to somebody else
 
 
-def test_arming_is_asked_for_or_refused_with_the_reason(line):
+def test_arm_command_is_accepted_or_refused_with_reason(line):
     assert line.command(400, 1.0) == (0, "", [ArmRequest(True, by_hand=True)])
     line.station.status = Status(arming_problem="no position yet; the tank of the lift fan is empty, and more is wrong")
     result, text, events = line.command(400, 1.0, 21196.0)  # forcing doesn't help
@@ -132,7 +132,7 @@ def test_arming_is_asked_for_or_refused_with_the_reason(line):
     assert line.command(400, math.nan)[0] == line.command(400, 0.5)[0] == 2
 
 
-def test_settings_that_changed_since_they_were_compared_refuse_the_arming(line):
+def test_arming_is_refused_if_settings_changed_since_comparison(line):
     line.station.status = Status(identity=77)
     result, text, events = line.command(400, 1.0, 0, 5, 0, 78)
     assert (result, events) == (1, [])
@@ -144,8 +144,8 @@ def test_settings_that_changed_since_they_were_compared_refuse_the_arming(line):
     assert (result, len(events)) == (0, 1)  # disarming is never refused for that
 
 
-def test_after_a_failsafe_arming_has_to_be_confirmed(line):
-    """By what ground stations call forcing: it confirms, and overrides nothing."""
+def test_arming_after_failsafe_needs_confirmation(line):
+    """A forced arming request counts as confirmation and overrides no check."""
     line.station.status = Status(confirmation_problem="confirmation: 0, at least 1; disarm, then arm")
     assert line.command(400, 1.0) == (1, "Arming refused: confirmation: 0, at least 1; disarm, then arm", [])
     assert line.command(400, 1.0, 21196.0) == (0, "", [ArmRequest(True, by_hand=True)])
@@ -153,7 +153,7 @@ def test_after_a_failsafe_arming_has_to_be_confirmed(line):
     assert line.command(400, 1.0, 21196.0) == (1, "Arming refused: imu age", [])
 
 
-def test_checks_are_told_who_asks_and_not_while_it_flies(dialect):
+def test_prearm_checks_are_sent_on_request_unless_armed(dialect):
     checks = [
         ArmingCheck("imu age", 3.0, 0.28, "s", "switch imu on"),
         ArmingCheck("battery", 7.4, 7.0, "V", "charge it", at_least=True),
@@ -166,7 +166,7 @@ def test_checks_are_told_who_asks_and_not_while_it_flies(dialect):
     assert line.command(401, 0.0) == (1, "", [])
 
 
-def test_modes_are_asked_for_or_refused_with_the_choices(line):
+def test_mode_command_is_accepted_or_refused_with_choices(line):
     assert line.command(176, 1.0, 15.0) == (0, "", [ModeRequest(15)])
     result, text, events = line.command(176, 1.0, 7.0)
     assert (result, events) == (2, [])
@@ -190,7 +190,7 @@ def test_modes_are_asked_for_or_refused_with_the_choices(line):
     assert [(m.name, m.get("command"), m.get("result")) for m in replies] == [("COMMAND_ACK", 11, 0)]
 
 
-def test_commands_in_integers_do_the_same_and_others_are_unsupported(line):
+def test_command_int_works_and_unknown_commands_are_unsupported(line):
     replies, events = line.ask("COMMAND_INT", command=400, param1=1.0, target_system=1, target_component=1)
     assert events == [ArmRequest(True, by_hand=True)]
     assert [m.get("result") for m in replies] == [0]
@@ -198,7 +198,7 @@ def test_commands_in_integers_do_the_same_and_others_are_unsupported(line):
     assert line.command(512, 31.0)[0] == 3
 
 
-def test_what_is_for_others_is_left_to_them(line):
+def test_messages_for_other_targets_are_ignored(line):
     for system, component in ((2, 1), (1, 2), (2, 0)):
         fields = {"command": 400, "param1": 1.0, "target_system": system, "target_component": component}
         assert line.ask("COMMAND_LONG", **fields) == ([], [])
@@ -207,7 +207,7 @@ def test_what_is_for_others_is_left_to_them(line):
     assert line.ask("SAMPLE_EVERY") == ([], [])
 
 
-def test_the_dialect_is_told_by_its_fingerprint(line, dialect):
+def test_autopilot_version_carries_the_dialect_fingerprint(line, dialect):
     for number, params in ((520, (1.0,)), (512, (148.0,))):
         fields = {f"param{k + 1}": v for k, v in enumerate(params)}
         replies, _ = line.ask("COMMAND_LONG", command=number, target_system=1, **fields)
@@ -217,7 +217,7 @@ def test_the_dialect_is_told_by_its_fingerprint(line, dialect):
         assert ack.get("result") == 0
 
 
-def test_all_parameters_come_at_a_pace(line):
+def test_parameter_list_is_sent_at_a_limited_rate(line):
     line.ask("PARAM_REQUEST_LIST", target_system=1)
     found, sent = [], 0
     for k in range(100):
@@ -241,7 +241,7 @@ def test_one_parameter_is_read_by_name_or_index(line):
     assert line.ask("PARAM_REQUEST_READ", target_system=1, param_id="NO_SUCH", param_index=-1) == ([], [])
 
 
-def test_a_parameter_is_set_or_refused_and_answered_with_what_holds(line):
+def test_parameter_set_answers_with_the_value_in_force(line):
     (value,), events = line.ask("PARAM_SET", target_system=1, param_id="WVI_MASS", param_value=3.5)
     assert value.get("param_value") == 3.5
     assert events == [ParameterChange("world.vehicle.inner.mass", 0, 3.5)]
@@ -255,7 +255,7 @@ def test_a_parameter_is_set_or_refused_and_answered_with_what_holds(line):
 
 
 @pytest.mark.parametrize("kind", [1, 2, 3, 4, 5, 6, 7, 8, 10])
-def test_a_real_parameter_in_another_type_is_refused(line, kind):
+def test_rejects_real_parameter_sent_as_another_type(line, kind):
     """The bytes of the integer 3, read as a real number, are 4.2e-45."""
     replies, events = line.ask("PARAM_SET", target_system=1, param_id="WVI_MASS", param_value=3.0, param_type=kind)
     assert not events
@@ -264,7 +264,7 @@ def test_a_real_parameter_in_another_type_is_refused(line, kind):
     assert event.value == 3.0
 
 
-def test_a_receivers_channels_and_a_joystick(line):
+def test_receiver_channels_and_joystick_become_events(line):
     fields = {"chancount": 3, "chan1_raw": 1500, "chan2_raw": 65535, "chan3_raw": 1000, "chan4_raw": 1700}
     _, (event,) = line.ask("RC_CHANNELS", **fields)
     assert isinstance(event, ReceiverChannels)
@@ -281,7 +281,7 @@ def test_a_receivers_channels_and_a_joystick(line):
 
 
 @pytest.mark.parametrize("pulse", [1, 799, 2201, 3000, 65534])
-def test_a_pulse_that_no_receiver_sends_is_no_signal(line, pulse):
+def test_implausible_receiver_pulse_counts_as_missing(line, pulse):
     for name in ("RC_CHANNELS", "RC_CHANNELS_OVERRIDE"):
         fields = {"chancount": 18} if name == "RC_CHANNELS" else {"target_system": 1}
         _, (event,) = line.ask(name, chan1_raw=pulse, chan2_raw=800, chan3_raw=2200, **fields)
@@ -299,27 +299,27 @@ def test_a_pulse_that_no_receiver_sends_is_no_signal(line, pulse):
         ({"chan9_raw": 1500}, False),
     ],
 )
-def test_eight_zeros_give_the_sticks_back(line, pulses, is_release):
+def test_override_of_eight_zeros_releases_the_sticks(line, pulses, is_release):
     _, (event,) = line.ask("RC_CHANNELS_OVERRIDE", target_system=1, **pulses)
     assert event.is_release is is_release
     _, (event,) = line.ask("RC_CHANNELS", chancount=0)
     assert not event.is_release
 
 
-def test_keys_are_not_taken_over_the_link(line):
+def test_signing_keys_are_not_accepted_over_the_link(line):
     replies, events = line.ask("SETUP_SIGNING", target_system=1, secret_key=bytes(range(32)))
     assert [m.get("text") for m in replies] == ["Keys are not accepted over the link"]
     assert not events
 
 
-def test_an_echo(line):
+def test_broadcast_ping_is_echoed(line):
     ((echo,), _) = line.ask("PING", seq=7, time_usec=99)
     assert (echo.get("seq"), echo.get("time_usec"), echo.get("target_system")) == (7, 99, GROUND[0])
     assert line.ask("PING", seq=7, target_system=1) == ([], [])
 
 
 @pytest.mark.parametrize("length", [0, 50, 51, 100, 120])
-def test_long_texts_go_in_pieces_that_a_reader_can_join(line, length):
+def test_long_texts_are_split_and_can_be_rejoined(line, length):
     text = "0123456789" * (length // 10) + "x" * (length % 10)
     line.station.queue_text(protocol.Severity.INFO, text)
     pieces = [m for m in line.due(0) if m.name == "STATUSTEXT"]
@@ -341,8 +341,8 @@ def test_too_many_texts_are_dropped_and_counted(line):
 
 
 @given(st.data())
-def test_no_message_makes_it_fail(dialect, data):
-    """Any message of the dialect, with any bytes as its payload, and all that follows packs."""
+def test_station_survives_any_fuzzed_message(dialect, data):
+    """Any message of the dialect with random bytes as payload. All replies can be packed."""
     line = Line(dialect)
     for _ in range(5):
         definition = data.draw(st.sampled_from(list(dialect.definitions.values())))
@@ -359,7 +359,7 @@ def test_a_vehicle_without_modes_is_refused(dialect):
         Station(Endpoint(dialect, 1, 1, unsigned=True), parameters(), {})
 
 
-def test_streams_flow_while_another_system_is_heard(dialect):
+def test_streams_are_sent_while_a_station_is_present(dialect):
     endpoint = Endpoint(dialect, 1, 1, unsigned=True)
     streams = Streams(endpoint, {"ATTITUDE": TelemetryStream(lambda now: {}, seconds("0.5"))})
     line = Line(dialect, streams=streams)
@@ -398,7 +398,7 @@ LAND, PAUSE_CONTINUE, OVERRIDE_GOTO = 21, 193, 252
         (LAND, (), "end"),
     ],
 )
-def test_what_the_autopilot_is_asked_is_passed_on_while_there_is_one(line, number, params, request_):
+def test_flight_requests_are_forwarded_while_autopilot_is_available(line, number, params, request_):
     line.station.status = Status(autopilot_problem="")
     assert line.command(number, *params) == (CommandResult.ACCEPTED, "", [FlightRequest(request_)])
     line.station.status = Status(autopilot_problem="nobody is there")
@@ -408,10 +408,10 @@ def test_what_the_autopilot_is_asked_is_passed_on_while_there_is_one(line, numbe
 
 
 @pytest.mark.parametrize(("number", "params"), [(OVERRIDE_GOTO, (0, 3)), (OVERRIDE_GOTO, (7,)), (PAUSE_CONTINUE, (2,))])
-def test_to_hold_elsewhere_is_denied(line, number, params):
+def test_hold_at_another_position_is_denied(line, number, params):
     line.station.status = Status(autopilot_problem="")
     assert line.command(number, *params) == (CommandResult.DENIED, "", [])
 
 
-def test_by_itself_a_vehicle_has_no_autopilot(line):
+def test_land_command_is_refused_without_an_autopilot(line):
     assert line.command(LAND)[0] == CommandResult.NOT_NOW

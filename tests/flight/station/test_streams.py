@@ -1,4 +1,4 @@
-"""Rates of messages, as ground stations change them, counted over the vehicle's time."""
+"""Message rates set by ground stations, counted over the vehicle's time."""
 
 from collections import Counter
 
@@ -13,7 +13,7 @@ ATTITUDE, LANDED, IMU, INTERVAL, UNKNOWN = 30, 245, 105, 244, 31
 
 
 class Line:
-    """A vehicle's streams, and who hears them."""
+    """A vehicle's streams and a ground station that receives them."""
 
     def __init__(self, dialect) -> None:
         self.vehicle = Endpoint(dialect, 1, 1, unsigned=True)
@@ -28,7 +28,7 @@ class Line:
         self.now = 0
 
     def count(self, duration):
-        """How many of each came in a duration, asked every millisecond."""
+        """Number of messages of each name sent within a duration."""
         found = Counter()
         for _ in range(duration // ms(1)):
             packets = self.streams.due(self.now)
@@ -52,13 +52,13 @@ def line(dialect):
     return Line(dialect)
 
 
-def test_each_comes_at_its_own_rate_and_what_has_nothing_to_tell_is_silent(line):
+def test_each_stream_has_its_rate_and_empty_ones_pause(line):
     assert line.count(seconds(10)) == {"ATTITUDE": 40, "EXTENDED_SYS_STATE": 10}
     line.imu = {"xacc": 1.0}
     assert line.count(seconds(10)) == {"ATTITUDE": 40, "EXTENDED_SYS_STATE": 10, "HIGHRES_IMU": 20}
 
 
-def test_an_interval_is_set_told_put_back_and_ended(line):
+def test_message_interval_can_be_set_read_reset_and_stopped(line):
     assert line.order(CommandCode.SET_INTERVAL, ATTITUDE, 100_000)[0] == CommandResult.ACCEPTED
     assert line.count(seconds(10))["ATTITUDE"] == pytest.approx(100, abs=1)
     (told,) = line.order(CommandCode.REQUEST_MESSAGE, INTERVAL, ATTITUDE)[1]
@@ -71,7 +71,7 @@ def test_an_interval_is_set_told_put_back_and_ended(line):
     assert line.count(seconds(10))["ATTITUDE"] == pytest.approx(40, abs=1)
 
 
-def test_nothing_is_sent_faster_than_fifty_times_a_second(line):
+def test_stream_rate_is_limited_to_50_hz(line):
     for asked in (1, 19_999):
         assert line.order(CommandCode.SET_INTERVAL, ATTITUDE, asked)[0] == CommandResult.ACCEPTED
         assert line.count(seconds(2))["ATTITUDE"] == pytest.approx(100, abs=1)
@@ -80,14 +80,14 @@ def test_nothing_is_sent_faster_than_fifty_times_a_second(line):
 
 
 @pytest.mark.parametrize("number", [UNKNOWN, -1.0, 1e30, float("nan"), float("inf")])
-def test_what_is_not_sent_cannot_be_ordered(line, number):
+def test_unknown_messages_cannot_be_requested(line, number):
     for command in (CommandCode.SET_INTERVAL, CommandCode.GET_INTERVAL, CommandCode.REQUEST_MESSAGE, 9999):
         assert line.order(command, number) == (CommandResult.UNSUPPORTED, [])
     assert line.order(9999, ATTITUDE) == (CommandResult.UNSUPPORTED, [])
 
 
 @pytest.mark.parametrize("micros", [float("nan"), float("inf"), -2.0])
-def test_an_interval_that_is_none_is_denied(line, micros):
+def test_invalid_interval_is_denied(line, micros):
     assert line.order(CommandCode.SET_INTERVAL, ATTITUDE, micros)[0] == CommandResult.DENIED
     assert line.count(seconds(10))["ATTITUDE"] == 40
 
@@ -98,7 +98,7 @@ def test_one_message_is_sent_on_request(line):
     assert line.order(CommandCode.REQUEST_MESSAGE, IMU) == (CommandResult.NOT_NOW, [])
 
 
-def test_data_streams_are_groups_and_all(line):
+def test_data_stream_request_sets_rates_of_a_group(line):
     line.ask(10, 0)
     assert "ATTITUDE" not in line.count(seconds(2))
     line.ask(10, 20)
@@ -120,13 +120,13 @@ def test_after_a_pause_there_is_no_burst(line):
     assert line.count(seconds(1))["ATTITUDE"] <= 5
 
 
-def test_a_vehicle_that_tells_nothing(dialect):
+def test_vehicle_without_streams_sends_no_messages(dialect):
     streams = Streams(Endpoint(dialect, 1, 1, unsigned=True), {})
     assert streams.due(seconds(100)) == []
 
 
 @pytest.mark.parametrize("before", range(44, 52))
-def test_a_letter_of_several_bytes_is_not_divided_between_two_messages(dialect, before):
+def test_multibyte_character_is_not_split_between_messages(dialect, before):
     here, there = (Endpoint(dialect, s, 1, unsigned=True) for s in (1, 2))
     assembly = TextAssembly()
     text = "x" * before + "∞ s, at most 0.28 s; °µ"

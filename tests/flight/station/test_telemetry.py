@@ -19,13 +19,13 @@ SEEN = VehicleMotion((1.0, -2.0, 3.0), (0.1, -0.2, 7.0), (3.0, 4.0, 0.0), (0.4, 
 
 
 @given(st.tuples(angle, angle, angle), st.tuples(speed, speed, speed))
-def test_vectors_are_turned_as_scipy_turns_them(attitude, vector):
+def test_rotation_to_world_matches_scipy(attitude, vector):
     roll, pitch, yaw = attitude
     expected = Rotation.from_euler("ZYX", [yaw, pitch, roll]).apply(vector)
     assert telemetry.rotate_to_world(attitude, vector) == pytest.approx(expected, abs=1e-9)
 
 
-def test_attitude_is_wrapped_and_timed():
+def test_attitude_message_has_wrapped_yaw_and_boot_time():
     found = telemetry.attitude(seconds("1.5"), SEEN)
     assert found["time_boot_ms"] == 1500
     assert found["yaw"] == pytest.approx(7.0 - 2 * math.pi)
@@ -33,7 +33,7 @@ def test_attitude_is_wrapped_and_timed():
     assert [found[n] for n in ("rollspeed", "pitchspeed", "yawspeed")] == [0.4, 0.5, 0.6]
 
 
-def test_position_and_head_up_agree():
+def test_local_position_and_vfr_hud_agree():
     place, shown = telemetry.local_position(0, SEEN), telemetry.vfr_hud(SEEN)
     assert (place["x"], place["y"], place["z"]) == (1.0, -2.0, 3.0)
     assert shown["alt"] == -3.0
@@ -44,7 +44,7 @@ def test_position_and_head_up_agree():
     assert telemetry.vfr_hud(SEEN._replace(attitude=(0.0, 0.0, math.radians(-0.4))))["heading"] == 0
 
 
-def test_inertial_sample_with_and_without_magnetometer():
+def test_imu_update_flags_reflect_the_magnetometer():
     bare = telemetry.inertial_sample(seconds(2), (1.0, 2.0, -9.8), (0.1, 0.2, 0.3))
     assert (bare["time_usec"], bare["zacc"], bare["xgyro"], bare["xmag"]) == (2_000_000, -9.8, 0.1, 0.0)
     assert bare["fields_updated"] == 0b000_111_111
@@ -53,7 +53,7 @@ def test_inertial_sample_with_and_without_magnetometer():
     assert whole["fields_updated"] == 0b111_111_111
 
 
-def test_servos_and_receiver_give_microseconds():
+def test_servo_and_receiver_messages_are_in_microseconds():
     found = telemetry.servo_outputs(seconds(5000), [0.0, 0.5, 1.0, NAN])
     assert [found[f"servo{k}_raw"] for k in range(1, 5)] == [1000, 1500, 2000, 0]
     assert found["time_usec"] == 5_000_000_000 % 2**32
@@ -63,7 +63,7 @@ def test_servos_and_receiver_give_microseconds():
     assert telemetry.receiver_channels(0, ())["chancount"] == 0
 
 
-def test_health_counts_the_line_and_only_what_is_there():
+def test_health_reports_link_loss_and_present_sensors_only():
     found = telemetry.system_health(Health.GYRO | Health.MOTORS, Health.GYRO | Health.MAGNETOMETER, 1, 3, 70_000)
     assert found["onboard_control_sensors_present"] == 0x8001
     assert found["onboard_control_sensors_health"] & 0x8007 == 1
@@ -72,7 +72,7 @@ def test_health_counts_the_line_and_only_what_is_there():
     assert telemetry.system_health(Health(0), Health(0), 0, 0, 0)["drop_rate_comm"] == 0
 
 
-def test_every_message_can_be_packed_and_read_by_another_implementation(dialect):
+def test_every_telemetry_message_is_readable_by_pymavlink(dialect):
     common = pytest.importorskip("pymavlink.dialects.v20.common")
     own, theirs = Endpoint(dialect, 1, 1, unsigned=True), common.MAVLink(None)
     for name, fields in (

@@ -1,4 +1,4 @@
-"""Two ends of a link that tests join: finding a port, meeting, collecting a stream."""
+"""Helpers for tests with both ends of a link: free port, first exchange, collecting a stream."""
 
 import socket
 import time
@@ -15,7 +15,7 @@ def free_port(kind=socket.SOCK_STREAM):
 
 
 def collect(link, n, patience=PATIENCE):
-    """n bytes, in however many pieces."""
+    """Receive n bytes, in any number of pieces."""
     found, end = b"", time.monotonic() + patience
     while len(found) < n and time.monotonic() < end:
         found += link.receive(0.05) or b""
@@ -24,7 +24,7 @@ def collect(link, n, patience=PATIENCE):
 
 
 def deliver(sender, receiver, packet):
-    """Send until it was taken, and give what arrives."""
+    """Send a packet until it is accepted. Return the bytes received."""
     end = time.monotonic() + PATIENCE
     while not sender.send(packet) and time.monotonic() < end:
         receiver.receive(0.01)
@@ -32,7 +32,7 @@ def deliver(sender, receiver, packet):
 
 
 def meet(a, b):
-    """Exchange a byte each way, however often that has to be tried."""
+    """Exchange a byte each way, with retries."""
     end = time.monotonic() + PATIENCE
     seen = set()
     while seen != {"a", "b"} and time.monotonic() < end:

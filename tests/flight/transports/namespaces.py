@@ -1,4 +1,4 @@
-"""Two hosts in network namespaces of their own, joined by a virtual cable; gone when their processes are."""
+"""Two hosts in separate network namespaces, joined by a virtual cable. They end with their processes."""
 
 import os
 import shutil
@@ -8,7 +8,7 @@ NEAR, FAR = "10.98.0.1", "10.98.0.2"
 
 
 def why_not():
-    """Why this machine makes no namespaces; empty where it does."""
+    """Reason why this machine cannot create namespaces, or an empty text."""
     missing = [name for name in ("unshare", "nsenter", "ip") if shutil.which(name) is None]
     if missing:
         return f"network namespaces need {', '.join(missing)}"
@@ -21,12 +21,12 @@ def why_not():
 
 
 def _unshare():
-    """Root makes network namespaces alone, and keeps its real-time scheduling; others need a user namespace too."""
+    """Command prefix for a new namespace. Root keeps its real-time scheduling; others also need a user namespace."""
     return ["unshare", "-n" if os.geteuid() == 0 else "-rn"]
 
 
 class Hosts:
-    """`near` with the address NEAR and `far` with FAR; needs no root, but then user namespaces."""
+    """`near` with the address NEAR and `far` with FAR. Without root, user namespaces are required."""
 
     def __init__(self):
         self._holders = [self._hold(_unshare())]
@@ -39,7 +39,7 @@ class Hosts:
         self._started = []
 
     def _hold(self, before):
-        """A process that stays in the namespace that `before` makes; ready once it has spoken."""
+        """Start a process that keeps the namespace made by `before` alive. Wait for its first line."""
         holder = subprocess.Popen([*before, "sh", "-c", "echo $$; exec sleep 600"], stdout=subprocess.PIPE, text=True)
         assert holder.stdout.readline()
         return holder
@@ -48,18 +48,18 @@ class Hosts:
         return self._holders[host].pid
 
     def inside(self, host):
-        """The words before a command that run it on host 0 (near) or 1 (far)."""
+        """Command prefix that runs a command on host 0 (near) or 1 (far)."""
         user = [] if os.geteuid() == 0 else ["--preserve-credentials", "-U"]
         return ["nsenter", *user, "-n", "-t", str(self._pid(host))]
 
     def run(self, host, *words):
-        """Run a program to its end on host 0 (near) or 1 (far); what it printed."""
+        """Run a program to its end on host 0 (near) or 1 (far). Return its output."""
         done = subprocess.run([*self.inside(host), *words], capture_output=True, text=True, timeout=120)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
     def start(self, host, *words):
-        """Start a program there, and wait for its first line."""
+        """Start a program on a host, and wait for its first line."""
         started = subprocess.Popen([*self.inside(host), *words], stdout=subprocess.PIPE, text=True)
         self._started.append(started)
         assert started.stdout.readline(), "it ended without a word"

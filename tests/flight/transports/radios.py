@@ -1,6 +1,6 @@
-"""Two Bluetooth radios in software, in one process: RFCOMM, L2CAP and HCI of a whole stack over virtual controllers.
+"""Two Bluetooth radios in software, in one process: RFCOMM, L2CAP and HCI of a full stack over virtual controllers.
 
-Each connection is given as a descriptor, as the system's sockets would be, so that what is tested is what flies.
+Each connection is a descriptor, as with the system's sockets, so that the tests use the code of real flights.
 """
 
 import asyncio
@@ -16,7 +16,7 @@ VEHICLE, GROUND = "F0:F0:F0:F0:F0:F0", "F1:F1:F1:F1:F1:F1"
 
 
 class Radios:
-    """The vehicle's radio answers on a channel; the ground's dials it."""
+    """The vehicle's radio listens on a channel, and the ground's radio dials it."""
 
     def __init__(self):
         self._loop, self._answered, self._servers = asyncio.new_event_loop(), [], []
@@ -26,13 +26,13 @@ class Radios:
         self._wait(self._power_on())
 
     def stack(self, address, channel, listen):
-        """As open_rfcomm() takes it."""
+        """Argument `stack` of open_rfcomm()."""
         if listen:
             self._wait(self._listen(channel))
         return _Dialer(self, address, channel, listen)
 
     def lose(self):
-        """Both radios lose each other, as out of range."""
+        """Break the connection of the radios, as if out of range."""
 
         self._wait(self._part())
 
@@ -63,7 +63,7 @@ class Radios:
         return self._bridge(await multiplexer.open_dlc(channel), connection)
 
     def _bridge(self, dlc, connection=None):
-        """A descriptor whose bytes go over the channel; either end's closing closes the other."""
+        """Return a descriptor whose bytes go over the channel. Closing either end closes the other."""
         ours, theirs = socket.socketpair()
         ours.setblocking(False)
         theirs.setblocking(False)

@@ -1,6 +1,6 @@
-"""Bad lines for tests: a serial pair made of two ptys, and a UDP relay, with delay, jitter, loss and more, seeded.
+"""Bad links for tests: a serial pair of two ptys, and a UDP relay, with seeded delay, jitter, loss and more.
 
-Both are also programs of their own, without anything but the standard library:
+The relay is also a program that needs only the standard library:
 
     python relays.py udp LISTEN_HOST:PORT TO_HOST:PORT --delay 0.04 --jitter 0.015 --loss 0.02 --seed 1
 """
@@ -25,7 +25,7 @@ PROMPT = 45
 
 
 class Passage(NamedTuple):
-    """One packet's way through a relay; `delay` is what it really was, in s, None where it was lost."""
+    """One packet's passage through a relay. `delay` is the actual delay in s, or None for a lost packet."""
 
     side: int
     at: float
@@ -33,10 +33,10 @@ class Passage(NamedTuple):
 
 
 class Weather:
-    """What happens to a packet: delay + jitter N(0, 1) seconds, never negative, loss, one bit turned over.
+    """Disturbances of packets: delay + jitter N(0, 1) seconds, at least zero; loss; one flipped bit.
 
-    Attributes may be changed while it runs. cut: nothing passes. ordered: who is late keeps those behind waiting.
-    rate: bits per second (ten a byte), on top of the delay; 0: as fast as can be.
+    Attributes may be changed at any time. cut: all packets are lost. ordered: a late packet delays the later ones.
+    rate: bits per second (ten per byte), in addition to the delay; 0: unlimited.
     """
 
     def __init__(self, *, delay=0.0, jitter=0.0, loss=0.0, corruption=0.0, ordered=True, rate=0.0, seed=0):
@@ -47,7 +47,7 @@ class Weather:
         self._free = [0.0, 0.0]
 
     def passes(self, side, now, data):
-        """When a packet that came from a side arrives, and as what; None: never."""
+        """Arrival time and bytes of a packet sent from a side, or None if it is lost."""
         draw = self._random[side]
         z, lost, turned = draw.gauss(0, 1), draw.random() < self.loss, draw.random() < self.corruption
         if self.cut or lost:
@@ -65,7 +65,7 @@ class Weather:
 
 
 class _Relay:
-    """Reads from two sides, and gives to the other what is due, in a thread of its own."""
+    """Reads from two sides and forwards packets when they are due, in its own thread."""
 
     def __init__(self, weather):
         self.weather, self.passages = weather, []
@@ -100,7 +100,7 @@ class _Relay:
                 self._pass_on(ready)
 
     def full(self):
-        """Whether a side has not taken all yet."""
+        """True while a side has not accepted all data."""
         return False
 
     def _pass_on(self, ready):
@@ -127,7 +127,7 @@ class _Relay:
 
 
 class SerialPair(_Relay):
-    """Two serial devices, `left` and `right` in a folder, joined by a cable with weather; either can be unplugged."""
+    """Two serial devices, `left` and `right` in a folder, joined by a disturbed cable. Either can be unplugged."""
 
     def __init__(self, folder, **weather):
         super().__init__(Weather(**weather))
@@ -150,7 +150,7 @@ class SerialPair(_Relay):
         self._masters[side], self._slaves[side] = master, slave
 
     def unplug(self, side):
-        """The device vanishes, with an error for who has it open."""
+        """Remove the device. Programs that have it open get an error."""
         with self.lock:
             self.paths[side].unlink()
             for ends in (self._slaves, self._masters):
@@ -159,13 +159,13 @@ class SerialPair(_Relay):
         self.wake()
 
     def plug(self, side):
-        """It is back, under the same path."""
+        """Bring the device back under the same path."""
         with self.lock:
             self._make(side)
         self.wake()
 
     def sides(self):
-        """Those to read from: not while the other has no room."""
+        """Sides to read from. A side is left out while the other one is full."""
         return {fd: side for side, fd in enumerate(self._masters) if fd >= 0 and not self._rest[1 - side]}
 
     def full(self):
@@ -203,7 +203,7 @@ class SerialPair(_Relay):
 
 
 class UdpRelay(_Relay):
-    """Stands between who calls its port (LEFT, the last one heard) and a target (RIGHT)."""
+    """Relays between the caller of its port (LEFT, the last sender) and a target (RIGHT)."""
 
     def __init__(self, target, listen=("127.0.0.1", 0), *, ordered=False, **weather):
         super().__init__(Weather(ordered=ordered, **weather))

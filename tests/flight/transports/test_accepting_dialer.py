@@ -1,4 +1,4 @@
-"""Several peers at one listening socket: the one that sends good packets holds the line. In the test's own time."""
+"""Several peers at one listening socket: the sender of good packets keeps the link. With a clock set by the test."""
 
 import socket
 
@@ -9,7 +9,7 @@ from trimtab.flight.transports.reconnecting_stream import LONGEST_MUTE, TRIAL, S
 
 
 class TestClock:
-    """Time passes where somebody waits."""
+    """Clock that advances only during waits."""
 
     __test__ = False
 
@@ -25,7 +25,7 @@ class TestClock:
 
 
 class Line:
-    """A link that listens, and the callers of its port."""
+    """A listening link and the callers of its port."""
 
     def __init__(self):
         listener = socket.socket(socket.AF_UNIX)
@@ -44,7 +44,7 @@ class Line:
         return caller
 
     def receive(self, accept=()):
-        """Receive once; a piece of the good ones is accepted. Then a tenth of a second passes."""
+        """Receive once, and accept the sender of any data in `accept`. Then advance by a tenth of a second."""
         piece = self.link.receive(0.0)
         if piece in accept:
             self.link.accept_sender()
@@ -64,7 +64,7 @@ def line():
     found.close()
 
 
-def test_twelve_mute_callers_do_not_keep_the_line_from_one_who_speaks(line):
+def test_mute_callers_do_not_block_a_sending_caller(line):
     for _ in range(12):
         line.call()
     assert line.receive() is None
@@ -76,13 +76,13 @@ def test_twelve_mute_callers_do_not_keep_the_line_from_one_who_speaks(line):
     assert good.recv(10) == b"answer"
 
 
-def test_who_speaks_comes_before_who_waits_longer(line):
+def test_sending_caller_precedes_longer_waiting_mute_caller(line):
     line.call()
     line.call(b"good")
     assert line.receive() == b"good"
 
 
-def test_callers_that_send_noise_have_the_line_for_a_trial_each(line):
+def test_noise_callers_hold_the_link_for_one_trial(line):
     for _ in range(12):
         line.call(b"noise")
     line.call(b"good")
@@ -92,7 +92,7 @@ def test_callers_that_send_noise_have_the_line_for_a_trial_each(line):
     assert heard[heard.index(b"good") + 1 :].count(b"noise") == 0
 
 
-def test_who_sends_good_packets_keeps_the_line_and_loses_it_by_silence(line):
+def test_good_caller_keeps_the_link_until_silent(line):
     good = line.call(b"good")
     assert line.receive(accept=[b"good"]) == b"good"
     line.call(b"noise")
@@ -106,7 +106,7 @@ def test_who_sends_good_packets_keeps_the_line_and_loses_it_by_silence(line):
     assert line.receive() == b"good"  # its connection had only been put back
 
 
-def test_a_mute_caller_stays_while_no_other_speaks(line):
+def test_mute_caller_is_kept_while_no_other_sends(line):
     line.call()
     line.receive()
     line.clock.now += 10 * LONGEST_MUTE
@@ -126,7 +126,7 @@ def test_callers_beyond_the_limit_close_the_oldest(line):
     assert first.recv(1) == b""
 
 
-def test_callers_that_have_gone_are_forgotten(line):
+def test_closed_callers_are_dropped(line):
     line.call().close()
     good = line.call(b"good")
     line.clock.now += TRIAL

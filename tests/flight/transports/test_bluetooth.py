@@ -20,7 +20,7 @@ Free2Move/Linksys   2.9/16.2 | 38.83 8.80 20 68   | 32.62 8.49 14 65    | 75.69 
 ROWS = [(pair, path) for pair in TABLE for path in ("up", "down")]
 
 
-def test_table_5_1_is_verbatim():
+def test_delay_table_matches_the_printed_table_5_1():
     printed = {}
     for line in PRINTED.strip().splitlines():
         pair, *paths = line.split("|")
@@ -44,7 +44,7 @@ def test_table_5_1_is_verbatim():
 )
 @pytest.mark.parametrize(("pair", "path"), ROWS)
 def test_drawn_latencies_have_the_measured_mean_and_spread(pair, path):
-    """Mean and standard deviation within 2 %; no packet is faster than the smallest seen, less 2 ms."""
+    """Mean and standard deviation within 2 %. No packet is faster than the smallest measured latency less 2 ms."""
     link = bluetooth_link(pair, path)
     link.check()
     latency, lost = jax.jit(jax.vmap(lambda k: link.draw(key(1), k)))(jnp.arange(100_000))
@@ -57,7 +57,7 @@ def test_drawn_latencies_have_the_measured_mean_and_spread(pair, path):
     assert not np.asarray(lost).any()
 
 
-def test_packets_leave_as_the_source_sends_them():
+def test_send_periods_match_the_thesis():
     up, down = (bluetooth_link("free2move/linksys 2.9/22.0", path) for path in ("up", "down"))
     assert (up.send_period, up.period, down.send_period, down.period) == (ms(20), ms(1), ms(6), ms(1))
     other = bluetooth_link("free2move/linksys 2.9/22.0", "down", loss=0.02, send_period=ms(12), period=ms(2))
@@ -65,7 +65,7 @@ def test_packets_leave_as_the_source_sends_them():
     other.check()
 
 
-def test_the_shape_is_the_reconstructed_one():
+def test_gamma_shape_matches_the_reconstructed_values():
     """2.9/22.0 up: shift 20 ms, k 3.85, scale 5.41; down: 17, 4.48, 3.86."""
     for path, shift, k, scale in (("up", 20, 3.85, 5.41), ("down", 17, 4.48, 3.86)):
         row = TABLE["free2move/linksys 2.9/22.0"][path]

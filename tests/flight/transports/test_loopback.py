@@ -6,7 +6,7 @@ from trimtab.core.errors import InputError
 from trimtab.flight.transports.open_link import open_link
 
 
-def test_loopback_is_the_owners_alone(runtime, monkeypatch):
+def test_loopback_socket_is_restricted_to_its_owner(runtime, monkeypatch):
     server = open_link("loopback://mine", listen=True)
     folder = runtime / "trimtab"
     assert folder.stat().st_mode & 0o777 == 0o700

@@ -42,7 +42,7 @@ print(json.dumps([[k, at - sent[k]] for k, at in back.items()]))
 
 
 def survivors(side, n):
-    """How many of n packets from a side the relay lets pass: its draws, made again."""
+    """Number of n packets from a side that pass the relay, from a repetition of its random draws."""
     draw, kept = random.Random(2 * SEED + side), 0
     for _ in range(n):
         draw.gauss(0, 1)
@@ -51,7 +51,7 @@ def survivors(side, n):
     return kept
 
 
-def test_two_hosts_with_delay_jitter_and_loss():
+def test_udp_echo_between_hosts_matches_relay_losses():
     if reason := why_not():
         pytest.skip(reason)
     weather = [f"--delay={DELAY}", f"--jitter={JITTER}", f"--loss={LOSS}", f"--seed={SEED}"]

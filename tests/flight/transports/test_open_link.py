@@ -1,6 +1,6 @@
-"""Each transport carries bytes both ways, and comes back after its peer or device has gone.
+"""Each transport carries bytes both ways, and reconnects after its peer or device was gone.
 
-Of the modules stream and open_link of trimtab.flight.transports.
+Tests of the modules stream and open_link of trimtab.flight.transports.
 """
 
 import select
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("runtime")
 
 @pytest.fixture(params=["serial", "udp", "tcp", "loopback"])
 def pair(request, tmp_path):
-    """Two ends that are connected, of each kind."""
+    """Two connected ends of each kind of link."""
     if request.param == "serial":
         with SerialPair(tmp_path) as cable:
             ends = [open_link(uri) for uri in cable.uris]
@@ -55,7 +55,7 @@ def test_every_byte_passes_both_ways_and_is_counted(pair):
 
 
 @pytest.mark.real_time
-def test_receive_waits_for_its_deadline_and_no_longer_than_it_must(pair):
+def test_receive_returns_at_its_timeout_or_on_data(pair):
     a, b = pair
     start = time.monotonic()
     assert a.receive(0.15) is None
@@ -70,7 +70,7 @@ def test_receive_waits_for_its_deadline_and_no_longer_than_it_must(pair):
 
 
 @pytest.mark.real_time
-def test_who_selects_on_the_descriptor_is_told(pair):
+def test_descriptor_becomes_readable_when_data_arrives(pair):
     a, b = pair
     assert select.select([a.fileno()], [], [], 0)[0] == []
     assert b.send(b"x")
@@ -79,8 +79,8 @@ def test_who_selects_on_the_descriptor_is_told(pair):
 
 
 @pytest.mark.real_time
-def test_sending_to_who_does_not_read_drops_and_never_waits(pair, request):
-    """4000 packets of 1000 bytes are more than any buffer here; what was taken arrives whole and in order."""
+def test_sending_without_a_reader_drops_and_never_blocks(pair, request):
+    """4000 packets of 1000 bytes exceed every buffer. Accepted packets arrive complete and in order."""
     a, b = pair
     packets = [i.to_bytes(4, "big") + bytes([i % 251]) * 996 for i in range(4000)]
     start = time.process_time()
@@ -98,7 +98,7 @@ def test_sending_to_who_does_not_read_drops_and_never_waits(pair, request):
 
 
 @pytest.mark.real_time
-def test_after_closing_nothing_raises(pair):
+def test_closed_link_raises_no_errors(pair):
     a, b = pair
     a.close()
     a.close()
@@ -114,7 +114,7 @@ def test_after_closing_nothing_raises(pair):
 
 @pytest.mark.real_time
 @pytest.mark.parametrize("scheme", ["tcp", "loopback"])
-def test_a_peer_that_restarts_is_found_again(scheme):
+def test_client_reconnects_to_a_restarted_server(scheme):
     uri = "loopback://again" if scheme == "loopback" else f"tcp://127.0.0.1:{free_port()}"
     client = open_link(uri)  # before there is anyone
     assert client.send(b"lost") is False
@@ -133,7 +133,7 @@ def test_a_peer_that_restarts_is_found_again(scheme):
 
 @pytest.mark.real_time
 @pytest.mark.parametrize("scheme", ["tcp", "loopback"])
-def test_a_client_that_restarts_is_taken_again(scheme):
+def test_restarted_client_is_accepted_again(scheme):
     uri = "loopback://again" if scheme == "loopback" else f"tcp://127.0.0.1:{free_port()}"
     server = open_link(uri, listen=True)
     for life in range(3):
@@ -145,8 +145,8 @@ def test_a_client_that_restarts_is_taken_again(scheme):
     server.close()
 
 
-def test_attempts_become_rarer_up_to_two_seconds():
-    """Counted by a clock of the test's own."""
+def test_connection_retries_back_off_to_two_seconds():
+    """Measured with a clock set by the test."""
     from trimtab.flight.transports import reconnecting_stream
 
     class Nobody:
@@ -183,7 +183,7 @@ def test_attempts_become_rarer_up_to_two_seconds():
 
 
 @pytest.mark.real_time
-def test_packets_stay_apart_on_loopback_and_udp():
+def test_packet_boundaries_are_kept_on_loopback_and_udp():
     for uri in ("loopback://apart", f"udp://127.0.0.1:{free_port(socket.SOCK_DGRAM)}"):
         a, b = open_link(uri, listen=True), open_link(uri)
         meet(a, b)
@@ -195,7 +195,7 @@ def test_packets_stay_apart_on_loopback_and_udp():
 
 @pytest.mark.real_time
 @pytest.mark.parametrize("scheme", ["udp", "tcp"])
-def test_listening_is_for_this_machine_unless_a_host_is_written(scheme):
+def test_listens_on_localhost_unless_a_host_is_given(scheme):
     for place, want in (("", "127.0.0.1"), ("0.0.0.0", "0.0.0.0")):
         port = free_port(socket.SOCK_DGRAM if scheme == "udp" else socket.SOCK_STREAM)
         link = open_link(f"{scheme}://{place}:{port}", listen=True)
@@ -235,7 +235,7 @@ def test_listening_is_for_this_machine_unless_a_host_is_written(scheme):
         ("loopback://..%2f", "is not a name"),
     ],
 )
-def test_what_cannot_be_opened_is_refused_with_what_to_type(uri, why):
+def test_rejects_invalid_uri_with_a_fix(uri, why):
     with pytest.raises(InputError) as caught:
         open_link(uri)
     assert why in str(caught.value)
@@ -246,7 +246,7 @@ def test_what_cannot_be_opened_is_refused_with_what_to_type(uri, why):
 
 
 @pytest.mark.real_time
-def test_a_port_that_is_taken_is_refused():
+def test_rejects_port_in_use():
     for scheme, kind in (("tcp", socket.SOCK_STREAM), ("udp", socket.SOCK_DGRAM)):
         uri = f"{scheme}://127.0.0.1:{free_port(kind)}"
         link = open_link(uri, listen=True)

@@ -1,4 +1,4 @@
-"""RFCOMM between two virtual Bluetooth controllers, with a stack in software beneath our link."""
+"""RFCOMM between two virtual Bluetooth controllers, with a software stack below the link."""
 
 import time
 
@@ -52,7 +52,7 @@ def test_a_stream_longer_than_a_frame_arrives_whole_and_in_order(pair):
     assert got + collect(vehicle, len(whole) - len(got)) == whole
 
 
-def test_radios_that_lost_each_other_connect_again(pair, radios):
+def test_radios_reconnect_after_losing_each_other(pair, radios):
     vehicle, ground = pair
     radios.lose()
     end = time.monotonic() + PATIENCE
@@ -65,7 +65,7 @@ def test_radios_that_lost_each_other_connect_again(pair, radios):
     assert (vehicle.statistics.reconnects, ground.statistics.reconnects) == (1, 1)
 
 
-def test_a_ground_station_that_restarts_is_taken_again(pair, radios):
+def test_restarted_ground_station_is_accepted_again(pair, radios):
     vehicle, ground = pair
     ground.close()
     while vehicle.statistics.connected:

@@ -1,4 +1,4 @@
-"""Waiting ends when something comes, and not a millisecond early or late when nothing does."""
+"""Waits end when data arrives, or at the timeout with sub-millisecond accuracy."""
 
 import os
 import select
@@ -11,7 +11,7 @@ from trimtab.flight.transports.reconnecting_stream import wait_until_ready
 pytestmark = pytest.mark.real_time
 
 
-def test_it_tells_what_has_come():
+def test_wait_detects_readable_and_writable_descriptors():
     reading, writing = os.pipe()
     try:
         assert not wait_until_ready(reading, select.POLLIN, 0.0)
@@ -24,8 +24,8 @@ def test_it_tells_what_has_come():
         os.close(writing)
 
 
-def test_short_waits_are_short():
-    """Half of 200 waits of 0.2 ms end within 0.9 ms; in whole milliseconds none would."""
+def test_waits_below_a_millisecond_are_accurate():
+    """Half of 200 waits of 0.2 ms end within 0.9 ms. With timeouts in whole milliseconds none would."""
     reading, writing = os.pipe()
     try:
         times = []
@@ -40,7 +40,7 @@ def test_short_waits_are_short():
         os.close(writing)
 
 
-def test_a_closed_descriptor_is_something():
+def test_closed_descriptor_counts_as_ready():
     reading, writing = os.pipe()
     os.close(reading)
     os.close(writing)

@@ -1,4 +1,4 @@
-"""The relays that other tests rely on do what they say."""
+"""The relays used by other tests apply the configured disturbances."""
 
 import statistics
 
@@ -30,7 +30,7 @@ def test_loss_and_corruption_are_as_frequent_as_asked_for():
     assert all(sum(byte.bit_count() for byte in data) == 1 for data in turned)
 
 
-def test_same_seed_same_fate_and_the_sides_differ():
+def test_same_seed_gives_same_packet_fates():
     settings = {"delay": 0.1, "jitter": 0.1, "loss": 0.3}
     assert fates(50, **settings, seed=1) == fates(50, **settings, seed=1) != fates(50, **settings, seed=2)
     weather = Weather(**settings)
@@ -38,7 +38,7 @@ def test_same_seed_same_fate_and_the_sides_differ():
 
 
 @pytest.mark.thorough
-def test_order_rate_and_cut():
+def test_weather_keeps_order_limits_rate_and_cuts():
     jittery = Weather(delay=0.1, jitter=0.05, ordered=True)
     due = [jittery.passes(LEFT, 0.001 * k, b"x")[0] for k in range(200)]
     assert due == sorted(due)
@@ -72,7 +72,7 @@ def test_a_serial_pair_delays_and_can_be_cut(tmp_path):
 
 
 @pytest.mark.real_time
-def test_a_udp_relay_passes_both_ways_and_notes_what_it_did():
+def test_udp_relay_passes_both_ways_and_records_delays():
     import socket
 
     port = free_port(socket.SOCK_DGRAM)

@@ -10,7 +10,7 @@ from trimtab.flight.transports.rfcomm import open_rfcomm
 URI = "rfcomm://00:11:22:aa:bb:cc/3"
 
 
-def test_without_bluetooth_in_python_or_kernel_it_says_so(monkeypatch):
+def test_rejects_missing_bluetooth_in_python_or_kernel(monkeypatch):
     monkeypatch.delattr(socket, "AF_BLUETOOTH", raising=False)
     with pytest.raises(InputError, match=r"this Python was built without Bluetooth.*\nFix: .*rfcomm bind"):
         open_link(URI)
@@ -25,7 +25,7 @@ def test_without_bluetooth_in_python_or_kernel_it_says_so(monkeypatch):
         open_link(URI, listen=True)
 
 
-def test_another_stack_may_make_the_connection():
+def test_custom_bluetooth_stack_can_make_the_connection():
     ours, theirs = socket.socketpair()
     asked = []
 

@@ -11,7 +11,7 @@ from trimtab.flight.transports.open_link import open_link
 
 @pytest.fixture
 def device():
-    """Path of a terminal that behaves as a serial device."""
+    """Path of a pseudo-terminal that behaves like a serial device."""
     master, slave = pty.openpty()
     path = os.ttyname(slave)
     os.close(slave)

@@ -8,8 +8,8 @@ from trimtab.flight.transports.reconnecting_stream import ConnectingDialer
 pytestmark = pytest.mark.real_time
 
 
-def test_a_call_to_a_port_at_which_nobody_listens_does_not_meet_itself():
-    """The system may give the calling socket the very port that it calls: TCP then connects it to itself."""
+def test_dialing_a_closed_port_does_not_connect_to_itself():
+    """The system may give the calling socket the port that it calls. TCP then connects the socket to itself."""
     port = free_port()
 
     def make():

@@ -1,4 +1,4 @@
-"""UDP links: whom a listening end answers. Most run on a virtual network; two on the kernel's sockets."""
+"""UDP links: peers answered by a listening end. Most tests use a virtual network, two the kernel's sockets."""
 
 import socket
 
@@ -83,7 +83,7 @@ def test_strangers_never_evict_known_peers():
     run_in_virtual_time(body)
 
 
-def test_strangers_are_told_nothing():
+def test_strangers_receive_no_packets():
     def body(line):
         server, friend = line.listen(), line.call()
         strangers = [line.call() for _ in range(MOST_PEERS + 3)]
@@ -103,7 +103,7 @@ def test_strangers_are_told_nothing():
     run_in_virtual_time(body)
 
 
-def test_one_packet_vouches_once():
+def test_each_packet_accepts_its_sender_once():
     def body(line):
         server, friend = line.listen(), line.call()
         server.accept_sender()  # nothing was received
@@ -147,7 +147,7 @@ def test_a_calling_end_sends_private_packets_and_no_public_ones():
     run_in_virtual_time(body)
 
 
-def test_replies_to_a_stranger_alone_and_does_not_accept_it():
+def test_reply_reaches_only_the_stranger_without_accepting_it():
     def body(line):
         server, known, stranger = line.listen(), line.call(), line.call()
         assert server.reply(b"to nobody") is False
@@ -203,7 +203,7 @@ def test_kernel_sockets_carry_packets_both_ways():
 
 
 @pytest.mark.real_time
-def test_the_kernel_passes_on_only_packets_of_the_called_end():
+def test_calling_socket_receives_only_from_its_peer():
     port = free_port(socket.SOCK_DGRAM)
     client = open_link(f"udp://127.0.0.1:{port}")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:

@@ -8,7 +8,7 @@ SERVER = Host("server", 14550)
 
 
 class VirtualLine:
-    """One listening end and as many calling ends as a test opens, all of one program."""
+    """One listening end and any number of calling ends, all in one program."""
 
     def __init__(self, time, clock):
         self.time, self.clock, self.network = time, clock, VirtualNetwork(time)
