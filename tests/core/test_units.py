@@ -78,7 +78,7 @@ def test_unknown_unit_error_suggests_the_nearest():
     ("unit", "fix"), [("metre", '"m"'), ("Metres/s", '"m/s"'), ("kg/second^2", '"kg/s^2"'), ("N metres", '"N m"')]
 )
 def test_rejects_spelled_out_unit_in_a_declaration(unit, fix):
-    with pytest.raises(InputError, match="spelled out") as refused:
+    with pytest.raises(InputError, match="the unit must be a symbol") as refused:
         quantity(unit, "Of a vehicle.")
     assert fix in refused.value.fix
 

@@ -115,8 +115,8 @@ FINDINGS = [
         "two vehicles; the flight ends",
         partial(
             run_tests,
-            "flight/station/test_time_sync.py::test_duplicated_request_is_not_a_second_clock",
-            "flight/station/test_time_sync.py::test_answers_of_two_clocks_are_counted",
+            "flight/mavlink/test_time_sync.py::test_duplicated_request_is_not_a_second_clock",
+            "flight/mavlink/test_time_sync.py::test_answers_of_two_clocks_are_counted",
         ),
     ),
     Finding(
