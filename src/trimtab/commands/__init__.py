@@ -1,1 +1,1 @@
-"""Verbs (subcommands) of the command line, one module each. A module is imported only when its verb runs."""
+"""Verbs (subcommands) of the command line, one module for each verb. A module is imported only when its verb runs."""

@@ -10,7 +10,7 @@ VARIABLE = "_TRIMTAB_COMPLETE"
 @click.command()
 @click.argument("shell", type=click.Choice(SHELLS))
 def command(shell: str) -> None:
-    """Print a shell's completion script, for verbs, options, scenarios and paths of settings.
+    """Print the shell script that completes verbs, options, scenarios and paths of settings.
 
     \b
     trimtab completion bash >> ~/.bashrc
