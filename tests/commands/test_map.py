@@ -66,7 +66,7 @@ def test_axes_from_text():
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"x": "delay"}, "not a name and range"),
+        ({"x": "delay"}, "not of the form NAME=LOW:HIGH"),
         ({"x": "delay=0:fast"}, "not a range of numbers"),
         ({"x": "delay=0.6:0"}, "the range must rise"),
         ({"x": "delay=-1:0.6"}, "delay must be at least 0 s, got -1:0.6"),

@@ -157,7 +157,7 @@ def parse_axis(option: str, text: str) -> Axis:
     ends = span.split(":")
     if not equals or len(ends) not in (2, 3):
         raise InputError(
-            option, f"{text!r} is not a name and range", fix=f"{option} {EXAMPLE}, or {option} {EXAMPLE}:7"
+            option, f"{text!r} is not of the form NAME=LOW:HIGH", fix=f"{option} {EXAMPLE}, or {option} {EXAMPLE}:7"
         )
     percent = all(e.endswith("%") for e in ends[:2])
     try:
