@@ -4,7 +4,7 @@
 trimtab demo                                     fly a first scenario: a table and a picture
 trimtab list                                     every scenario
 trimtab list hovercraft/spin                     all settings of one scenario, with unit and meaning
-trimtab new vehicle my_bike                      a template of your own vehicle, with test and page; also law, sensor …
+trimtab new vehicle my_bike                      a template of a new vehicle, with test and page; also law, sensor …
 trimtab run hovercraft/spin --plot spin.png      simulate it, ideal and real
 trimtab run hovercraft/spin --set world.vehicle.mass=3.2 --without navigation-error
 trimtab run hovercraft/forward --navigation ins  navigate by IMU and ultrasonic network instead of an error model

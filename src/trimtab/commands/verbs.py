@@ -1,6 +1,6 @@
-"""Group of the verbs. Each verb is a file of this folder with its click command, imported when the verb is typed.
+"""Group of all verbs. Each verb is a file of this folder with a click command, imported when the verb is typed.
 
-Exit code 0: success; 1: completed, but failed; 2: invalid input; 130: stopped by Ctrl-C; 143: stopped by SIGTERM. With
+Exit codes: 0 success; 1 completed with a negative result; 2 invalid input; 130 stopped by Ctrl-C; 143 by SIGTERM. With
 ``--json`` an error is also printed as an object on standard output. Names are checked before a verb is imported, so
 that a typo is reported at once.
 """
@@ -26,7 +26,7 @@ from trimtab.core.errors import InputError, Spelling, spell_with
 from trimtab.core.suggestions import closest
 
 WORDS = "trimtab.words"
-"""Key of the click context's entry that stores the words typed after `trimtab`."""
+"""Key under which the click context stores the words typed after `trimtab`."""
 BEGIN = "new vehicle my_bike"
 SYNONYMS = {
     "bode": "linearise",
@@ -48,7 +48,7 @@ SYNONYMS = {
     "verify": "export --verify DIR",
     "version": "--version",
 }
-"""Other common name of a verb -> the words to type."""
+"""Synonym for a verb -> words to type instead."""
 
 OPTIONS = {
     "settings": "--set",
@@ -66,11 +66,11 @@ OPTIONS = {
     "folder": "--out",
     "file": "--out",
 }
-"""Argument of a library function -> name of its command-line option, where the names differ."""
+"""Argument of a library function -> name of the command-line option, if the two names differ."""
 
 
 class Verbs(click.Group):
-    """Verbs by name: ``link-test`` is `command` in ``link_test.py``. Invalid input exits with code 2 and a fix."""
+    """Group of the verbs: ``link-test`` is `command` in ``link_test.py``. Invalid input exits with code 2 and a fix."""
 
     def __init__(self, names: Sequence[str], **options: Any) -> None:
         super().__init__(commands={name: click.Command(name) for name in names}, **options)
@@ -92,18 +92,18 @@ class Verbs(click.Group):
                 sys.exit(1)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return the verb of this name; None if the name is unknown."""
+        """Import and return the verb with this name. Return None if the name is unknown."""
         if cmd_name not in self.commands:
             return None
         return importlib.import_module(f"{__package__}.{cmd_name.replace('-', '_')}").command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the verbs with help texts read from their files, because importing all verbs would take seconds."""
+        """List the verbs. Help texts are read from the source files, because importing all verbs would take seconds."""
         listed = click.Group(commands={name: click.Command(name, help=read_help(name)) for name in self.commands})
         listed.format_commands(ctx, formatter)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse the typed words, and store them unchanged in the context."""
+        """Parse the typed words, and store the unchanged words in the context."""
         ctx.meta[WORDS] = list(args)
         return super().parse_args(ctx, args)
 
@@ -121,14 +121,14 @@ class Verbs(click.Group):
         return super().resolve_command(ctx, args)
 
     def _parse_words(self, ctx: click.Context, args: list[str]) -> list[str] | None:
-        """Return the words after a verb that are not options; None if the options are known only after an import."""
+        """Return the words after a verb that are not options, or None if the options are known only after an import."""
         verb, *words = args
         if verb not in self.commands or not find_file(verb).is_file():
             return None
         return parse_words(find_file(verb), verb, read_help(verb), words, ctx)
 
     def _find_context(self, ctx: click.Context) -> click.Context:
-        """Return the click context of the typed verb, which click's error about a missing option value lacks."""
+        """Return the click context of the typed verb. Click's error about a missing option value lacks the context."""
         name = ctx.invoked_subcommand or ""
         verb = self.get_command(ctx, name)
         return ctx if verb is None else click.Context(verb, parent=ctx, info_name=name)
@@ -190,7 +190,7 @@ def _quote(text: str) -> str:
 
 
 def _find_example(ctx: click.Context) -> tuple[str, str]:
-    """Return the command that had an error, and the first example in its help."""
+    """Return the command that had an error, and the first example in the command's help."""
     where = f"trimtab{ctx.command_path.removeprefix(ctx.find_root().command_path)}"
     for line in (ctx.command.help or "").splitlines():
         words = re.split(r"\s{3,}", line.strip())[0]
