@@ -98,7 +98,7 @@ def fit_gyro(data: Measurements) -> GyroFit:
     freedom = n - 4
     deviation = float(np.sqrt(2 * best.cost / freedom))
     if deviation > 0.5 * np.std(y):
-        problem = f"the best model's rms error is {deviation:.3g} rad/s; the gyro signal has a deviation of {np.std(y):.3g}"
+        problem = f"the best model's rms error is {deviation:.3g} rad/s; the gyro signal's deviation is {np.std(y):.3g}"
         fix = "check that reference and gyro have the same axis, the same sign, and the units in their headings"
         raise InputError(where, problem, fix=fix)
     _refuse_wild(data, best.fun, delay)
