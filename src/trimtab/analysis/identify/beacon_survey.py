@@ -21,7 +21,7 @@ DAMPING, DAMPING_MAX = 1e-3, 1e12
 CONVERGED = 1e-8
 """Largest change of an unknown in a converged search's last step, in standard errors of the unknown."""
 EQUAL = 12.0
-"""Largest difference in the squared residuals of two solutions, in mean square residuals, at which both are possible."""
+"""Largest difference in squared residuals of two solutions, in mean square residuals, at which both are possible."""
 APART = 5.0
 """Distance between two solutions for a beacon, in standard errors, above which the solutions count as different."""
 DETERMINED = 0.1

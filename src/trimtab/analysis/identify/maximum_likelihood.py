@@ -36,7 +36,7 @@ HALF_CHI = 1.9207294103470585
 COLLINEAR = 1e-4
 """Eigenvalue of the normalised information matrix below which the data do not determine the eigenvector's direction."""
 SHARE = 0.3
-"""Smallest component of an eigenvector of COLLINEAR at which the component's parameter is reported as not determined."""
+"""Smallest component of such an eigenvector for which the component's parameter is reported as not determined."""
 REACHES = np.array([-1.4, -0.8, 0.8, 1.4])
 """Distances from the estimate at which the profile likelihood is computed, in half-widths of the interval that follows
 from the information matrix."""
