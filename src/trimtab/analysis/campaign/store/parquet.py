@@ -19,7 +19,7 @@ ABOUT = b"trimtab"
 
 
 def write_parquet(result: CampaignResult, file: str | Path) -> Path:
-    """Write the rows of a campaign to a Parquet file, with its plan, version, backend and class of machine."""
+    """Write the rows of a campaign to a Parquet file, together with plan, version, backend and class of machine."""
     return write_columns(result.columns, {"identity": result.identity, "plan": result.plan.as_dict()}, file)
 
 
