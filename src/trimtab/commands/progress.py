@@ -39,8 +39,8 @@ def warn_of_room(what: str, most: float, folder: Path) -> None:
     there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
     free = shutil.disk_usage(there).free
     if most > free:
-        room = f"only {round_size(free)} are free on the disk that contains {str(folder)!r}"
-        click.echo(f"{what}: may grow by up to {round_size(most)}, but {room}", err=True)
+        room = f"only {round_size(free)} are free on the disk of {str(folder)!r}"
+        click.echo(f"{what}: up to {round_size(most)} more, but {room}", err=True)
 
 
 def _can_redraw() -> bool:

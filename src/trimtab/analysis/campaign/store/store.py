@@ -77,7 +77,7 @@ def has_store(folder: Path) -> bool:
         return about.exists() and bool(about.read_text()) and bool(json.loads(about.read_text()).get("attributes"))
     if not about.exists():
         fix = f"name another store: {argument('store', 'NAME.zarr')}"
-        raise InputError(f"store {str(folder)!r}", "contains files that are not part of a campaign's store", fix=fix)
+        raise InputError(f"store {str(folder)!r}", "contains files that do not belong to a campaign's store", fix=fix)
     return True
 
 
