@@ -50,7 +50,7 @@ class Row:
     unit: unit of printed, computed and accepted.
     basis: source of `printed`, one of BASES.
     must_hold: True if the study fails when this row does not hold.
-    note: remark. For a row that need not hold, it must state the reason.
+    note: remark. If the row need not hold, the note must state the reason.
     """
 
     id: str
@@ -242,7 +242,7 @@ def _table_line(cells: Iterable[str]) -> str:
 
 
 CLONE = Path(__file__).parents[2] / "studies"
-"""Folder of the studies in a clone of trimtab; an installed package does not contain it."""
+"""Folder of the studies in a clone of trimtab. An installed package does not contain this folder."""
 WHERE = "the studies are in trimtab's source repository: run the command in a clone, or name a study's folder"
 
 
@@ -284,7 +284,7 @@ def find_studies() -> dict[str, Path]:
 
 
 def find_study(study: str) -> Path:
-    """Return the folder of a study that is named by its name or its folder."""
+    """Return the folder of a study. study: name or folder of the study."""
     folder, studies = Path(study), find_studies()
     if study in studies:
         return studies[study]

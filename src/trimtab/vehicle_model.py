@@ -55,7 +55,7 @@ def linearise(
 
     Args:
         vehicle, at, settings: as for `trim`.
-        states, inputs, outputs: names of those to keep in the model. If empty, all are kept.
+        states, inputs, outputs: names of the states, inputs and outputs to keep. An empty list keeps all.
 
     Raises: InputError with the reasons if no trim is found.
     """
@@ -70,7 +70,7 @@ def _find_plant(vehicle: Any, settings: Mapping[str, str] | None) -> Plant:
         return plant_of_vehicle(vehicle.name, vehicle.world.vehicle, vehicle.initial, neutral)
     if not isinstance(vehicle, str):
         problem = f"must be a Scenario or the name of a scenario or model, got a {type(vehicle).__name__}"
-        raise InputError("vehicle", problem, fix='give a Scenario, or a name, e.g. "hovercraft/forward"')
+        raise InputError("vehicle", problem, fix='pass a Scenario, or a name, e.g. "hovercraft/forward"')
     return load_plant(vehicle, settings)
 
 

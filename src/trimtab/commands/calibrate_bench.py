@@ -34,7 +34,7 @@ ASSUMED = (Hovercraft(), RudderGeometry(), Thruster())
 
 DATA = click.argument("data", type=FILE)
 ADD = OUT("FILE.toml", "Write the parameters to this calibration file. Other parameters in the file are kept.")
-DRAW = PLOT("Draw the fit and its residuals to this picture.")
+DRAW = PLOT("Draw the fit and the residuals to this picture file.")
 
 
 def parse_amount(context: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
@@ -293,7 +293,7 @@ PROCEDURES = (
 
 
 def _find_number(out: Path | None, name: str) -> float:
-    """Return a parameter's value from the calibration file of --out, or from the thesis if the file lacks it."""
+    """Return a parameter's value from the calibration file of --out. A missing parameter has the thesis's value."""
     if out is not None and out.exists():
         entries = read_calibration(out).entries
         if name in entries:

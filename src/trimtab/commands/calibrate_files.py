@@ -60,7 +60,7 @@ def finish_calibration(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Print the results of a calibration procedure, add them to the calibration file, and draw the fit."""
+    """Print the results of a calibration procedure, add the results to the calibration file, and draw the fit."""
     check_picture(plot, None)
     whole, files = add_to_file(out, calibration)
     files += draw_plot(plot, plot_fits, report.panels, title=f"calibrate {procedure}: {report.file}")
@@ -81,7 +81,7 @@ def finish_calibration(
         click.echo(show_controls(f"note: {note}"))
     print_files(files)
     if out is not None:
-        click.echo(f"calibration {whole.content_hash()[:12]}; use it: trimtab run SCENARIO --calibration {out}")
+        click.echo(f"calibration {whole.content_hash()[:12]}; to use it: trimtab run SCENARIO --calibration {out}")
 
 
 def add_to_file(out: Path | None, calibration: Calibration) -> tuple[Calibration, list[Path]]:
@@ -129,7 +129,7 @@ def print_entries(title: str, calibration: Calibration) -> None:
 @click.argument("file", type=FILE)
 @JSON
 def show(file: Path, as_json: bool) -> None:
-    """Show the parameters in a calibration file, with their intervals and sources."""
+    """Show the parameters in a calibration file, with 95 % intervals and sources."""
     calibration = read_calibration(file)
     if as_json:
         print_json({"sha256": calibration.content_hash(), "entries": entries_json(calibration)})

@@ -28,7 +28,7 @@ FAR = 10.0
 @click.command(name="link")
 @DATA
 @click.option(
-    "--way", type=click.Choice(("up", "down")), required=True, help="Direction: up to the vehicle, or down from it."
+    "--way", type=click.Choice(("up", "down")), required=True, help="Direction: up (to vehicle) or down (from vehicle)."
 )
 @ADD
 @DRAW
@@ -74,7 +74,7 @@ def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
         f" 99 % of the packets took at most {most:.2g} s."
     )
     text += f" {len(wild)} such packets raise the deviation to {np.std(received):.2g} s, from {np.std(calm):.2g} s."
-    return (f"{text} Remove their lines from the file if these delays are not real",)
+    return (f"{text} Remove the lines of these packets from the file if the delays are not real",)
 
 
 def _calibrate_link(file: str, way: str, trace: Trace, model: DelayModel) -> Calibration:

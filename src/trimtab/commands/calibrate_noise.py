@@ -119,7 +119,7 @@ def calibrate_noise(
         click.echo(show_controls(f"note: {note}"))
     print_files(files)
     if out is not None:
-        click.echo(f"calibration {whole.content_hash()[:12]}; use it: trimtab run SCENARIO --calibration {out}")
+        click.echo(f"calibration {whole.content_hash()[:12]}; to use it: trimtab run SCENARIO --calibration {out}")
 
 
 def _calibrate_units(
@@ -133,7 +133,7 @@ def _calibrate_units(
             if axis.place is not None and axis.place[0] == triad:
                 same = mine.setdefault(axis.place[1], name)
                 if same != name:
-                    problem = f"{same} and {name} are both the {triad}'s {AXES[axis.place[1]]} axis"
+                    problem = f"{same} and {name} both claim to be the {triad}'s {AXES[axis.place[1]]} axis"
                     raise InputError("calibrate noise", problem, fix=f"choose one: --signal {same}")
         if mine:
             fits = {i: axes[name].fit for i, name in sorted(mine.items())}
@@ -281,7 +281,7 @@ def _axis_json(axis: SensorAxis) -> dict[str, Any]:
 
 
 def _print_noise(name: str, axes: Mapping[str, SensorAxis]) -> None:
-    """Print the noise coefficients of each axis with their intervals, and Q and R for a filter."""
+    """Print the noise coefficients of each axis with 95 % intervals, and Q and R for a filter."""
     any_axis = next(iter(axes.values()))
     dt = any_axis.fit.sampling_period
     headings = ("axis", "U", ">white N (U/√Hz)", ">flicker B (U)", ">walk K (U/√s)", ">misfit")

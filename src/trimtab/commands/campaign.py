@@ -206,7 +206,7 @@ def _typed_command() -> str:
 
 
 def drop_option(command: str, option: str) -> str:
-    """Return a command without an option and its value."""
+    """Return a command line with one option and the option's value removed."""
     words = shlex.split(command)
     kept = [
         w for k, w in enumerate(words) if not w.startswith(f"{option}=") and option not in words[max(k - 1, 0) : k + 1]
@@ -256,7 +256,7 @@ def _fly_campaign(campaign: Campaign, store: Path | None, **flight: Any) -> Camp
 
 
 def _announcing(store: Path, runs: int, tell: Callable[[int], None]) -> Callable[[int], None]:
-    """Return a progress function that calls `tell`, and once prints the expected size of the store if it is large."""
+    """Return a progress function that calls `tell`, and that once prints the expected size of a large store."""
     is_known = False
 
     def tell_size(done: int) -> None:

@@ -19,10 +19,10 @@ from trimtab.core.quantity import Quantity, leaves
 
 SHOWN_QUANTILES = {"p5": 0.05, "median": 0.5, "p95": 0.95}
 BANDS = ("median", "p95")
-"""Quantiles of a metric that a table shows with their confidence bands."""
+"""Quantiles of a metric that a table shows with confidence bands."""
 SOBOL_COLUMNS = (("total", "total order"), ("first", "first order"))
 MORRIS_COLUMNS = (("mu_star", "mu*"), ("sigma", "sigma"))
-"""Results of a Sobol or Morris sensitivity analysis: field names with their table headings."""
+"""Field names of a Sobol or Morris sensitivity analysis, with table headings."""
 TABLE_WIDTH = 105
 """Minimum terminal width (characters) at which the table shows confidence bands."""
 MOST_FAILED_RUNS = 8
@@ -76,7 +76,7 @@ def print_campaign(
         click.echo(f"success: {result.success}, {result.success.successes} of {n}: {' and '.join(conditions)}")
     lost = int(result.columns["lost"].sum())
     if lost:
-        click.echo(f"lost: {lost} runs whose state diverged")
+        click.echo(f"lost: {lost} runs, because the state diverged")
     rate = f"{result.flown_runs / result.wall_s:.0f} runs/s" if result.flown_runs else "all runs were in the store"
     click.echo(f"flown: {result.flown_runs} runs in {result.wall_s:.1f} s, {rate}")
     for verdict in verdicts:

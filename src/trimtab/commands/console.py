@@ -179,7 +179,7 @@ def _duration(scenario: str, settings: Mapping[str, str]) -> list[str]:
 def _vehicle(
     scenario: str, settings: Mapping[str, str], faults: Sequence[str], seed: int, out: Path | None
 ) -> Iterator[str]:
-    """Run a simulated vehicle in a process of its own, and yield the URI of the vehicle's link."""
+    """Run a simulated vehicle in a separate process, and yield the URI of the vehicle's link."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         link = f"udp://127.0.0.1:{free.getsockname()[1]}"
@@ -201,7 +201,7 @@ def _vehicle(
 
 
 def _await_vehicle(process: "subprocess.Popen[bytes]", said: IO[str]) -> None:
-    """Wait until the vehicle listens on its link. If its process ends instead, raise InputError with the output."""
+    """Wait until the vehicle listens on its link. If the vehicle's process ends, raise InputError with the output."""
     end = time.monotonic() + START_S
     while True:
         said.seek(0)

@@ -26,7 +26,8 @@ other scenarios:            trimtab list"""
 def command(context: click.Context, seed: int, out: Path | None, as_json: bool) -> None:
     """Fly the hovercraft to a position over its radio link, ideal and real.
 
-    Uses the craft of the thesis with its measured Bluetooth latencies. Writes trimtab-demo.png and explains it.
+    Uses the craft of the thesis with its measured Bluetooth latencies. Writes trimtab-demo.png and explains this
+    picture.
     """
     picture = (out or Path()) / "trimtab-demo.png"
     settings = {"links": "measured"}

@@ -88,9 +88,10 @@ def command(
     SYSTEM is a system of the package, or a file or folder of your own (docs, Certificate).
 
     For a law of the package, the result is a theorem instead of a gain: the set to which the loop converges, the region
-    of attraction, and a Lyapunov function (docs, Theorem). The theorem is derived from the law's own code, run on
-    polynomials. --stabilisability tests if smooth feedback can stabilise a vehicle (Brockett; Byrnes and Isidori), and
-    finds by Lie brackets the directions in which the inputs can steer the vehicle (docs, Stabilisability).
+    of attraction, and a Lyapunov function (docs, Theorem). The theorem is derived from the code of the law,
+    evaluated on polynomials. --stabilisability tests if smooth feedback can stabilise a vehicle (Brockett; Byrnes and
+    Isidori), and finds by Lie brackets the directions in which the inputs can steer the vehicle (docs,
+    Stabilisability).
 
     \b
     trimtab design hypersonic                        gain, poles and every condition
@@ -175,7 +176,7 @@ def _find_function(system: str | None) -> SystemFunction:
             raise InputError("design", problem, choices=(*design_systems(), *theorem_functions()), fix=fix)
         near = closest(system, (*design_systems(), *theorem_functions()), 1) or design_systems()[:1]
         problem = f"no built-in design for {system!r}"
-        fix = f"trimtab design {near[0]}; for your own system, name its file:  trimtab design my_boat.py"
+        fix = f"trimtab design {near[0]}; for your own system, name the Python file:  trimtab design my_boat.py"
         raise InputError("design", problem, choices=(*design_systems(), *theorem_functions()), fix=fix)
     return getattr(importlib.import_module(f"trimtab.scenarios.{system}._design"), FUNCTION)
 
@@ -186,7 +187,7 @@ def _build_system(system: str | None, settings: dict[str, str]) -> CertifiedSyst
 
 
 def _rebuild_system(certificate: Certificate, system: str | None) -> CertifiedSystem:
-    """Rebuild the system that a certificate names, with its settings."""
+    """Rebuild the system that a certificate names, with the settings in the certificate."""
     if system is None and certificate.system not in design_systems():
         problem = f"the certificate is for {certificate.system!r}, which is not in the package"
         fix = "name the Python file of the system:  trimtab design my_boat.py --check FILE"

@@ -58,7 +58,7 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
             "inputs",
             multiple=True,
             metavar="NAME",
-            help="With --inversion: input to use. Others keep their trim values. May be repeated.  [default: all]",
+            help="With --inversion: input to use; others stay at the trim value. May be repeated.  [default: all]",
         ),
         click.option(
             "--to",
@@ -154,7 +154,7 @@ def _is_slow(mode: InternalMode, length: float) -> bool:
 
 
 def _hold_inputs(inputs: tuple[str, ...], u: Any, kept: tuple[str, ...]) -> list[str]:
-    """Return texts for ``--at`` that hold the unused inputs at their initial values."""
+    """Return conditions for ``--at`` that hold the unused inputs at their initial values."""
     unknown = [n for n in kept if n not in inputs]
     if unknown:
         near = closest(unknown[0], inputs, 1) or list(inputs)[:1]

@@ -28,7 +28,7 @@ from trimtab.scenarios import catalogue
 from trimtab.scenarios.gain_file import vehicle_settings
 
 LISTS = ("at", "limit", "integrate", "assume", "fast")
-"""Options of ``--lqr`` that may be repeated; a certificate stores their values as lists."""
+"""Options of ``--lqr`` that may be repeated. A certificate stores the values of each as a list."""
 
 
 def GAIN(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -85,7 +85,7 @@ def design_gain(
     check: Path | None,
     as_json: bool,
 ) -> bool:
-    """Design a gain and prove its certificate, or check an existing gain file. Return True if every condition holds.
+    """Design a gain and prove the certificate, or check an existing gain file. Return True if every condition holds.
 
     words: values of the options in LISTS, as typed.  settings: settings of the scenario.
     """

@@ -48,7 +48,10 @@ def is_theorem(system: str | None, check: Path | None) -> bool:
 def run_theorem(
     system: str | None, settings: Mapping[str, str], out: Path | None, check: Path | None, as_json: bool
 ) -> bool:
-    """Make or check the certificate of a theorem, print and write it; return True if every condition holds."""
+    """Make or check the certificate of a theorem. Print and write the certificate.
+
+    Return True if every condition holds.
+    """
     if check is None:
         theorem = _build_theorem(system or "", settings)
         certificate = _make_certificate(theorem)

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 RETRY_PERIOD_S = 0.02
-"""Time (s) after which a signal is repeated if Python dropped its exception."""
+"""Time (s) after which a signal is repeated if Python dropped the exception that the signal raised."""
 PATIENCE_S = 0.7
 """Longest time (s) for which native code may delay the signal handler. After this time the program is ended."""
 
@@ -31,7 +31,7 @@ class TerminatedError(KeyboardInterrupt):
 
 
 class EndSignals:
-    """Handler of the signals that end a command, and the thread that watches them.
+    """Handler of the signals that end a command, with a thread that watches these signals.
 
     asked: number of the last signal received, or 0.  raised: True after the handler has raised the exception, unless
     Python dropped it.
@@ -120,7 +120,7 @@ def name_signal(number: int) -> str:
 
 
 def _end_program(number: int) -> None:
-    """End the program while native code runs, after the message that its command would have printed."""
+    """End the program while native code runs. First print the message that the command would have printed."""
     with contextlib.suppress(OSError):
         os.write(2, f"stopped by {name_signal(number)}\n".encode())
     os._exit(128 + number)

@@ -1,4 +1,4 @@
-"""`trimtab export`: export a scenario as C, check an exported folder, and run it on an emulated microcontroller."""
+"""`trimtab export`: export a scenario as C, check the exported code, and run it on an emulated microcontroller."""
 
 import inspect
 import json
@@ -79,7 +79,7 @@ def command(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Write a scenario's autopilot as C for a microcontroller, and verify that it computes the same results.
+    """Write a scenario's autopilot as C for a microcontroller, and verify that the C code computes the same results.
 
     \b
     trimtab export hovercraft/zero-velocity --out autopilot
@@ -291,7 +291,7 @@ def _export_function(
 
 
 def _print_files(files: Sequence[Any], out: Path) -> None:
-    click.echo(f"wrote {len(files)} files in {out}      check them: trimtab export --verify {out}")
+    click.echo(f"wrote {len(files)} files in {out}      check the files: trimtab export --verify {out}")
 
 
 def _fly_on_board(folder: Path, target: str) -> tuple[dict[str, Any], bool]:

@@ -32,7 +32,7 @@ def write_web_flight(
     without: tuple[str, ...],
     **_: Any,
 ) -> None:
-    """Write the web page of a closed loop, with WebAssembly program and description, and print their sizes."""
+    """Write the web page of a closed loop, with WebAssembly program and description, and print their file sizes."""
     from trimtab.export.web_assembly import export_web, write_web_page  # these modules import JAX
     from trimtab.scenarios.build import build
 

@@ -1,4 +1,4 @@
-"""`trimtab falsify`: search for the worst run within given bounds, and write a file that repeats it."""
+"""`trimtab falsify`: search for the worst run within given bounds, and write a scenario file that repeats this run."""
 
 import shlex
 import sys
@@ -45,7 +45,7 @@ from trimtab.core.cache_folder import enable_cache
     type=click.IntRange(1),
     default=4,
     show_default=True,
-    help="Number of runs per candidate, each with its own random numbers.",
+    help="Number of runs per candidate, each with different random numbers.",
 )
 @click.option(
     "--over",
@@ -90,7 +90,7 @@ def command(
         conditions = "; ".join(options["success"]) or "each target is reached and kept"
         about = (
             f"The worst run of {scenario} that a search found, with margin {worst.margin:.6g}.\n\n"
-            f"Required: {conditions}.\n{worst.flown_runs} runs were flown. To repeat it:\n\n    {again}"
+            f"Required: {conditions}.\n{worst.flown_runs} runs were flown. To repeat this run:\n\n    {again}"
         )
         write_scenario(out, worst.plan, worst.values, about)
     if plot is not None:

@@ -1,4 +1,4 @@
-"""`trimtab firmware`: write a scenario's vehicle as C for a microcontroller, and run it on an emulated board."""
+"""`trimtab firmware`: export a scenario's vehicle as C for a microcontroller, and run the code on an emulated board."""
 
 import shutil
 import subprocess

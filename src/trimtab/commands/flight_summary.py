@@ -177,7 +177,7 @@ def _describe_miss(log: Log, target: Target) -> str:
 
 
 def _choose_signals(log: Log) -> list[str]:
-    """Return the signals to show in addition to those with targets. For a quaternion, its angles are shown instead."""
+    """Return the signals to show in addition to those with targets. Angles are shown in place of a quaternion."""
     signals = [p.removeprefix("truth.") for p in log.paths if p.startswith("truth.") and np.size(log[p][:1]) <= FEW]
     flight, said = [p for p in log.paths if p.startswith(FLIGHT)], flight_sources(log)
     preferred = ["surge_velocity", "sway_velocity", "yaw_rate", "heading"]
@@ -221,7 +221,7 @@ def closest_approach(log: Log) -> dict[str, float] | None:
 
 
 def flag_times(log: Log) -> dict[str, dict[str, float]]:
-    """Return for each flag of the law or an actuator: total time (s) for which it was True, and first such time (s)."""
+    """Return for each flag of the law or an actuator: total time (s) of being True, and first such time (s)."""
     times: dict[str, dict[str, float]] = {}
     signals = [p for p in log.paths if p.startswith(("law.", "actuators.")) and p in log.declarations]
     for path in [p for p in signals if log.declarations[p].kind == "flag" and log[p].ndim == 1]:

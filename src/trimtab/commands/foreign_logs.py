@@ -28,7 +28,7 @@ def read_own_log(file: Path) -> Log:
 
 
 def read_any_log(file: Path, mapping: Path | None, *, quiet: bool = False) -> Log:
-    """Read a log of trimtab, or a foreign log with its mapping.
+    """Read a log of trimtab, or a log of another system with a mapping.
 
     Args:
         file: log file.

@@ -101,7 +101,7 @@ def _read(file: Path, scenario: Scenario, sensor: str | None, mapping: Path | No
         detect_format(file)  # raises InputError for an unknown format
     own = is_own_log(file)
     if not own and mapping is None:
-        fix = f"--map MAP.toml, to map its columns to signals; list the columns with  trimtab replay {file}"
+        fix = f"--map MAP.toml, to map the log's columns to signals; list the columns with  trimtab replay {file}"
         raise InputError(f"log '{file}'", "is a log of another system", fix=fix)
     log = read_own_log(file) if own or mapping is None else read_foreign(file, mapping)
     return read_flight(log, scenario, sensor, file.name)

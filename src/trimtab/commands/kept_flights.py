@@ -1,8 +1,8 @@
 """Storage of a search's runs in the folder of ``--store``, or else in the cache, so that no runs are lost after Ctrl-C.
 
-Each typed command has its own folder in the cache, which is deleted when the command has finished. Runs of a scenario
-in the user's own file are stored only with ``--store``, because changes in modules that the file imports would go
-unnoticed.
+Each typed command has a separate folder in the cache, which is deleted when the command has finished. Runs of a
+scenario in the user's own file are stored only with ``--store``, because changes in modules that the file imports would
+go unnoticed.
 """
 
 import hashlib

@@ -124,7 +124,7 @@ def endpoint_factory(
 
 @contextlib.contextmanager
 def open_line(uri: str, *, listen: bool) -> Iterator[Link]:
-    """Open a link, and close it at the end of the `with` block."""
+    """Open a link, and close the link at the end of the `with` block."""
     link = current_machine().open_link(uri, listen=listen)
     try:
         yield link

@@ -52,7 +52,7 @@ REQUESTS_MIN = 10
 @click.option(
     "--echo",
     is_flag=True,
-    help="Act as the far end: echo every packet until Ctrl-C. Port 0 chooses a free port and prints its number.",
+    help="Act as the far end: echo every packet until Ctrl-C. With port 0, a free port is chosen and printed.",
 )
 @click.option(
     "--load",
@@ -250,7 +250,7 @@ def _print_delays(measured: list[Delays]) -> None:
             table.add_row(load, path, *(f"{v:.2f}" for v in row), lost, fitted)
     print_table(table)
     if not all(delays.has_one_clock for delays in measured):
-        click.echo("the two ends have different clocks, whose offset is estimated; only round-trip times are certain")
+        click.echo("the two ends have different clocks with an estimated offset; only round-trip times are certain")
 
 
 def _print_settings(delays: Delays, out: Path | None) -> None:

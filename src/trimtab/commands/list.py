@@ -61,7 +61,7 @@ def _print_file(scenario: str | None) -> None:
 
 
 def print_scenarios(names: Mapping[str, str], as_json: bool) -> None:
-    """Print every scenario with the first line of its description."""
+    """Print every scenario with the first line of the description."""
     if as_json:
         print_json({"scenarios": names})
         return

@@ -102,7 +102,7 @@ def command(
     horizontal, vertical = parse_axis("--x", x), parse_axis("--y", y)
     if horizontal.name == vertical.name:
         problem = f"must differ from --x, got {vertical.name!r} for both"
-        raise InputError("--y", problem, fix="give --y another parameter, e.g. --y jitter=0:0.3")
+        raise InputError("--y", problem, fix="choose another parameter for --y, e.g. --y jitter=0:0.3")
     built = build(scenario, settings, without, faults)
     check_picture(plot, None)
     enable_cache()

@@ -61,7 +61,7 @@ def parse_spreads(context: click.Context, parameter: click.Parameter, values: tu
     paths = tuple(text for text in values if not is_calibration(text))
     for path, distribution in _split_pairs("--spread", "PATH=DISTRIBUTION", fix, paths):
         if path in spread:
-            raise InputError(f"--spread {path}", "is named twice", fix="give only one distribution for each path")
+            raise InputError(f"--spread {path}", "is named twice", fix="keep only one distribution for each path")
         spread[path] = distribution
     return spread
 
@@ -133,7 +133,7 @@ def OUT(metavar: str, help: str, required: bool = False, name: str = "out") -> C
 
 
 def _refuse_picture(context: click.Context, parameter: click.Parameter, folder: Path | None) -> Path | None:
-    """Return the folder of ``--out``. Raise InputError if it is the name of a picture."""
+    """Return the folder of ``--out``. Raise InputError if the name is that of a picture."""
     if folder is not None and folder.suffix.lower() in PICTURES:
         raise InputError("--out", f"must name a folder, got {str(folder)!r}", fix=f"--out {folder.with_suffix('')}")
     return folder
@@ -154,7 +154,7 @@ MOST_RUNS = 10_000_000
 
 
 class Count(click.IntRange):
-    """Option type of a whole number of runs, which may be written as 1e4 for 10000."""
+    """Option type for a whole number of runs. The number may be written as 1e4 for 10000."""
 
     def __init__(self, least: int, most: int) -> None:
         super().__init__(least, most)
@@ -298,7 +298,7 @@ STORE = click.option(
     "--store",
     type=FILE,
     metavar="DIR",
-    help="Store the runs in this folder. If the same command is started again, it flies only the missing runs.",
+    help="Store the runs in this folder. The same command, started again, flies only the missing runs.",
 )
 
 # options for links
@@ -317,7 +317,7 @@ PARAMETERS = click.option(
     "--parameters",
     type=FILE,
     metavar="FILE",
-    help="File with settings stored by a ground station. It is read at start; --set takes precedence.  [default: none]",
+    help="File with settings stored by a ground station, read at the start. --set takes precedence.  [default: none]",
 )
 LOG_LIMIT = click.option(
     "--log-limit",

@@ -110,7 +110,7 @@ def _write_failures(scenario: str, out: Path, options: dict[str, Any], found: Ra
             again = shlex.join(["trimtab", "run", f"{file}:scenario", "--seed", str(options["seed"])])
             about = (
                 f"The {name} failure of {scenario} among {found.flown_runs} runs, with margin {failure.margin:.6g}.\n\n"
-                f"Required: {conditions}. To repeat it:\n\n    {again}"
+                f"Required: {conditions}. To repeat this run:\n\n    {again}"
             )
             write_scenario(file, found.plan, failure.values, about, failure.words)
             commands[name] = again

@@ -77,10 +77,10 @@ def command(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Replay a recorded flight's frames through its autopilot, and check that the outputs are identical, bit for bit.
+    """Replay the frames of a recorded flight through its autopilot, and check that the outputs are bit-identical.
 
-    If they differ, the first difference is printed, and the exit code is 1. --with replays the frames with another part
-    instead, and prints the errors of both autopilots against the truth, if the log has the truth.
+    If the outputs differ, the first difference is printed, and the exit code is 1. --with replays the frames with
+    another part of the autopilot instead, and prints the errors of both autopilots if the log contains the true state.
 
     \b
     trimtab run hovercraft/forward --navigation ins --out forward

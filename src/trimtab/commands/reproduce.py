@@ -79,7 +79,7 @@ def command(study: str | None, only: tuple[str, ...], out: Path | None, report: 
 
 
 def _list_studies(as_json: bool) -> None:
-    """Print every study with its groups of figures."""
+    """Print every study and the study's groups of figures."""
     studies = {name: (read_study_title(folder), list_groups(name)) for name, folder in find_studies().items()}
     if as_json:
         content = {n: {"title": doc, "groups": {g.name: g.title for g in gs}} for n, (doc, gs) in studies.items()}

@@ -28,12 +28,12 @@ RESTS = 1e-9
 def command(vehicle: str, at: tuple[str, ...], settings: dict[str, str], out: Path | None, as_json: bool) -> None:
     """Find the states and inputs of a steady motion: at rest, in level flight, in a steady turn.
 
-    VEHICLE is a scenario, whose vehicle and initial state are used; a model of the package; or FILE.py:function that
-    returns a Scenario, (vehicle, x, u) or a model. By default all inputs and states are free, positions and lengths are
-    fixed, and all derivatives are zero, except those of positions and of states that nothing depends on. --at changes
-    this. A vehicle with a quaternion has attitude.roll, .pitch, .yaw and velocities in body axes instead, and the
-    outputs speed, angle_of_attack, sideslip and climb. If no trim was found, the reasons are printed, and the exit code
-    is 1.
+    VEHICLE is a scenario (its vehicle and initial state are used), a model of the package, or FILE.py:function. The
+    function returns a Scenario, (vehicle, x, u) or a model. By default all inputs and states are free, positions and
+    lengths are fixed, and all derivatives are zero, except those of positions and of states that nothing depends on.
+    --at changes this. A vehicle with a quaternion has attitude.roll, .pitch, .yaw and velocities in body axes instead,
+    and the outputs speed, angle_of_attack, sideslip and climb. If no trim was found, the reasons are printed, and the
+    exit code is 1.
 
     \b
     trimtab trim hovercraft/forward --at surge_velocity=1 --at yaw_rate=0
@@ -56,7 +56,7 @@ def command(vehicle: str, at: tuple[str, ...], settings: dict[str, str], out: Pa
 
 
 def point_json(plant: Plant, point: Trim) -> dict[str, Any]:
-    """Return a trim as plain data for JSON, in SI and radians, or in the vehicle's own units."""
+    """Return a trim as plain data for JSON, in SI units and radians, or in the units of the vehicle model."""
     model = plant.model
     rates, measured = model.evaluate(point.x, point.u)
     outputs = dict(zip(model.outputs, measured.tolist(), strict=True))
@@ -121,7 +121,7 @@ def _motion_text(plant: Plant, point: Trim, rates: Any) -> str:
 
 
 def _level_text(plant: Plant, point: Trim) -> str:
-    """Describe the assumed conditions of level flight, and how to change them."""
+    """Describe the assumed conditions of level flight, and how to change these conditions."""
     taken = {n: format_value(plant, n, v) for n, v in point.taken.items()}
     name = next((n for n, v in point.taken.items() if v), next(iter(taken)))
     text = ", ".join(f"{n} {v}" for n, v in taken.items())

@@ -90,7 +90,7 @@ SHORTEST_WATCHDOG = ms(20)
     metavar="TIME",
     default="50 ms",
     show_default=True,
-    help="Time without data from the simulation after which the outputs switch to their safe values.",
+    help="Time without data from the simulation after which the outputs switch to safe values.",
 )
 @click.option(
     "--confirm",

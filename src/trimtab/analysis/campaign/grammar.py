@@ -1,4 +1,4 @@
-"""Grammar of metrics, conditions, requirements, stopping rules and costs, as the user types them.
+"""Grammar in which the user types metrics, conditions, requirements, stopping rules and costs.
 
     METRIC       KIND:SIGNAL, as in settling:yaw_rate, robustness:FORMULA, or file.py:function
     CONDITION    METRIC <= NUMBER                       success of a run, with <=, <, > or >=
@@ -128,7 +128,7 @@ class StoppingRule(NamedTuple):
 
 
 class CostTerm(NamedTuple):
-    """One term of a cost: a metric and its weight."""
+    """One term of a cost: a metric with a weight."""
 
     weight: float
     metric: str
@@ -186,7 +186,7 @@ def parse_requirement(text: str) -> Requirement:
             raise InputError(part, problem, fix=fix)
         level = math.nan
     if kind == "success" and not (0 < bound < 1):
-        fix = "give a probability between 0 and 1, e.g. `success >= 0.999`"
+        fix = "require a probability between 0 and 1, e.g. `success >= 0.999`"
         raise InputError(part, f"a finite number of runs cannot prove a probability of {bound:g}", fix=fix)
     return Requirement(text.strip(), kind, metric, p, relation, bound, level)
 

@@ -1,4 +1,4 @@
-"""Allan variance of a sensor at rest: noise coefficients with their uncertainty, and Q and R for a filter.
+"""Allan variance of a sensor at rest: noise coefficients with uncertainties, and Q and R for a filter.
 
 The output of a still sensor is modelled as white noise, flicker and random walk, all Gaussian:
 
@@ -118,11 +118,11 @@ def fit_allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None =
     y = np.asarray(y, np.float64)
     if y.ndim != 1 or len(y) < 128 or not np.isfinite(y).all():
         problem = f"got samples of shape {y.shape}, with {int((~np.isfinite(y)).sum())} values that are not finite"
-        raise InputError("allan", problem, fix="give at least 128 evenly spaced samples of one axis, without gaps")
+        raise InputError("allan", problem, fix="pass at least 128 evenly spaced samples of one axis, without gaps")
     chosen = tuple(averages or octave_averages(len(y)))
     if min(chosen) < 1 or max(chosen) > len(y) // 3 or len(chosen) < 4:
         problem = f"got averages over {chosen} samples, for a log of {len(y)} samples"
-        raise InputError("allan", problem, fix=f"give at least 4 whole numbers from 1 to {len(y) // 3}")
+        raise InputError("allan", problem, fix=f"pass at least 4 whole numbers from 1 to {len(y) // 3}")
     if not np.ptp(y) > 0:
         raise InputError("allan", "every sample is the same", fix="log the samples at the sensor's full resolution")
     m = np.array(chosen, np.float64)
@@ -185,8 +185,8 @@ def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
         name: name of the sensor axis, for errors.  y: samples (n,) of the axis.  fit: result of `fit_allan` for these
             samples.
 
-    Source: this module; the scale of the differences is computed from their median, so that a few knocks don't change
-    this scale: Huber, "Robust statistics", Wiley 1981.
+    Source: this module; the scale of the differences is computed from the median, so that a few knocks do not
+    change the scale: Huber, "Robust statistics", Wiley 1981.
     """
     change = np.diff(np.asarray(y, np.float64))
     usual = float(np.median(np.abs(change - np.median(change)))) / MEDIAN

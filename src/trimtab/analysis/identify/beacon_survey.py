@@ -175,10 +175,10 @@ def _check_ranges(ranges: Any, odometry: Any, range_noise: float, odometry_noise
     ranges, odometry = np.asarray(ranges, np.float64), np.asarray(odometry, np.float64)
     if ranges.ndim != 2 or odometry.shape != (len(ranges) - 1, 2):
         problem = f"got ranges of shape {ranges.shape}, odometry of shape {odometry.shape}"
-        raise InputError("survey", problem, fix="give (k, n) ranges and the (k - 1, 2) displacements between the pings")
+        raise InputError("survey", problem, fix="pass ranges (k, n) and displacements (k - 1, 2) between pings")
     if not (range_noise > 0 and odometry_noise > 0):
         problem = f"range_noise and odometry_noise must be above 0 m, got {range_noise} m and {odometry_noise} m"
-        raise InputError("survey", problem, fix="give standard deviations above 0")
+        raise InputError("survey", problem, fix="pass standard deviations above 0")
     return ranges, odometry
 
 

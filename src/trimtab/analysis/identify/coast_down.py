@@ -119,7 +119,7 @@ def fit_coast_down(
 
 
 def friction_calibration(file: str, fit: FrictionFit) -> Calibration:
-    """Return the calibration entries for `Friction`, and their covariance."""
+    """Return a calibration of `Friction`: the coefficients and their covariance."""
     names = tuple(f"Friction.{fit.kind}_{name}" for name in NAMES)
     source = f"{file}: {len(fit.trials)} coast-down{'s' if len(fit.trials) > 1 else ''}, inertia {fit.inertia:.5g}"
     about: dict[str, Any] = {"freedom": fit.freedom, "source": source, "procedure": f"{fit.kind} friction"}

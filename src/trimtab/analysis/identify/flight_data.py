@@ -91,7 +91,7 @@ def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: 
             if np.median(change) > FASTEST_TURN or np.max(np.abs(values)) > MOST_TURNS * 2 * np.pi:
                 problem = f"{state!r} reaches {np.max(np.abs(values)):.3g} rad and changes by {np.median(change):.2g}"
                 problem += " rad from one measurement to the next"
-                fix = f'if the log is in degrees, write in its mapping: {state} = {{ from = …, unit = "deg" }}'
+                fix = f'if the log is in degrees, write in the mapping: {state} = {{ from = …, unit = "deg" }}'
                 raise InputError(where, problem, fix=fix)
             values = np.unwrap(values)
         around = np.lib.stride_tricks.sliding_window_view(np.pad(values, NEIGHBOURS, mode="edge"), 2 * NEIGHBOURS + 1)
@@ -103,7 +103,7 @@ def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: 
             problem += (
                 f" (measurement {at[k] + 1}); there are {int(wild.sum())} such outliers" if wild.sum() > 1 else ""
             )
-            raise InputError(where, problem, fix="leave that log row out: it is not sensor noise, and distorts the fit")
+            raise InputError(where, problem, fix="leave that log row out, because an outlier distorts the fit")
 
 
 def _example_command(scenario: Scenario) -> Any:

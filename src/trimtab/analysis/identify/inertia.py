@@ -79,7 +79,7 @@ def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
     t, r = np.asarray(t, np.float64), np.asarray(yaw_rate, np.float64)
     if t.ndim != 1 or t.shape != r.shape:
         raise InputError(
-            "fit_slope", f"t has shape {t.shape}, yaw_rate has shape {r.shape}", fix="give two lists of equal length"
+            "fit_slope", f"t has shape {t.shape}, yaw_rate has shape {r.shape}", fix="pass two lists of equal length"
         )
     if not (np.isfinite(t).all() and np.isfinite(r).all()):
         raise InputError(

@@ -16,7 +16,7 @@ from trimtab.logs.measurements import MeasuredColumn, Measurements, name_lines
 from trimtab.loop.calibration import Calibration, Covariance, Entry
 
 WAY = MeasuredColumn("way", "1", "approach of the angle: 1 from below, -1 from above", -1, 1, needed=False)
-"""Column for the direction from which an angle was approached. With it, the play of the linkage is fitted."""
+"""Column for the direction from which an angle was approached. With this column, the linkage's play is fitted."""
 SERVO_COLUMNS = (
     MeasuredColumn("pulse", "s", "pulse width of the servo", 0.5e-3, 2.5e-3, usual="us"),
     MeasuredColumn("angle", "rad", "rudder angle on the protractor", -np.pi / 2, np.pi / 2, most=2 * DEG, usual="deg"),
@@ -92,7 +92,7 @@ def fit_servo(data: Measurements) -> ServoFit:
 
 
 def _add_ways(A: Any, data: Measurements) -> tuple[Any, bool]:
-    """Add a column for the direction of approach to the regression matrix, if both directions occur."""
+    """Add a column for the direction of approach to the regression matrix, if the data has both directions."""
     way = np.sign(data["way"]) if "way" in data else np.zeros(len(data))
     both = bool((way > 0).any() and (way < 0).any())
     return (np.concatenate([A, way[:, None]], 1), True) if both else (A, False)

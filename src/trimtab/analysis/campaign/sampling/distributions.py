@@ -2,8 +2,9 @@
 
     value = Q(u),   u uniform in (0, 1)
 
-Points u of any design (random, Latin, Sobol) therefore give values of any distribution. A number in the text that ends
-in % is a percentage of the value in the scenario, as in normal(100%, 5%). STD_OF_LOG is a pure number: 5% is 0.05.
+Points u of any design (random, Latin, Sobol) can therefore be mapped to values of any distribution. A number in the
+text that ends in % is a percentage of the value in the scenario, as in normal(100%, 5%). STD_OF_LOG is a pure number:
+5% is 0.05.
 
 Source: inverse transform sampling, e.g. Devroye, "Non-uniform random variate generation", Springer 1986, chapter II.
 """
@@ -25,7 +26,7 @@ ALONG = "along"
 
 
 FAR = 1e3
-"""Distance from the mean, in standard deviations, beyond which a normal tail is computed from its asymptotic series."""
+"""Distance from the mean, in standard deviations, beyond which a normal tail is computed from an asymptotic series."""
 
 
 class Amount(NamedTuple):

@@ -112,7 +112,7 @@ def _sobol(seed: int, d: int, first: int, last: int) -> Any:
         engine.fast_forward(first)
     with warnings.catch_warnings(
         action="ignore", category=UserWarning
-    ):  # the warning about balance does not apply: the whole campaign is balanced
+    ):  # the warning about balance does not apply, because the campaign as a whole is balanced
         return engine.random(last - first)
 
 
@@ -137,7 +137,7 @@ def check_factors(factors: Sequence[str], correlated: Iterable[Sequence[str]] = 
     twice = sorted({f for f in factors if list(factors).count(f) > 1 or f == NOISE})
     if twice:
         problem = f"the factor {twice[0]!r} is given twice, or has the name reserved for the runs' random numbers"
-        raise InputError("sensitivity", problem, fix="give each factor once, by its path")
+        raise InputError("sensitivity", problem, fix="name each factor only once, by the path")
 
 
 def rows_per_base(parameters: int, *, noise: bool = True) -> int:

@@ -58,7 +58,7 @@ class Spread(NamedTuple):
 
 
 def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, ...]:
-    """Return the varied parameters, sorted by their text, so that the order on the command line does not matter."""
+    """Return the varied parameters, sorted by text, so that the order on the command line does not matter."""
     factors = []
     for text, distribution in spread:
         path, at = split_index(text.strip())
@@ -85,7 +85,7 @@ def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, .
         both = one.distribution.kind == other.distribution.kind == ALONG
         whole = one.at is None or other.at is None
         if one.text == other.text or (one.path == other.path and whole and not both):
-            raise InputError(argument_name("spread", other.text), "is named twice", fix="give each parameter once")
+            raise InputError(argument_name("spread", other.text), "is named twice", fix="list each parameter only once")
     return tuple(factors)
 
 
@@ -162,7 +162,7 @@ def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]
             raise InputError(
                 argument_name("correlate"),
                 f"{a}, {b} = {rho:g}",
-                fix="give two different paths, and a correlation between -1 and 1",
+                fix="write two different paths, and a correlation between -1 and 1",
             )
         R[names.index(a), names.index(b)] = R[names.index(b), names.index(a)] = rho
     if np.linalg.eigvalsh(R).min() < 1e-9:

@@ -48,7 +48,7 @@ def evolve(
     budget: int,
     seed: int,
 ) -> Iterator[Generation]:
-    """Yield the generations of a search until its budget of points is used up. The caller may stop earlier.
+    """Yield the generations of a search until `budget` points are used up. The caller may stop earlier.
 
     Args:
         of: function to minimise, from points (n, d) in [0, 1] to finite values (n,). Only the order of the values

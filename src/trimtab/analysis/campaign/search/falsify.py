@@ -67,7 +67,7 @@ TAIL = float(special.ndtr(-3.0))
 BATCH_RUNS_MIN = 64
 """Minimum number of runs in a batch. Fewer runs would not use the processor's vector units fully."""
 FIRST, LAST = 0.15, 0.1
-"""Fractions of all runs: those that first cover the whole box, those that finally repeat the worst point."""
+"""Fraction of all runs that covers the whole box at first, and fraction that repeats the worst point at last."""
 STEP = 0.2
 """Initial standard deviation of CMA-ES, as a fraction of the box's width."""
 START_DISTANCE_MIN = 0.3
@@ -283,7 +283,7 @@ def falsify(
         settings, without, faults: as in `trimtab run`, only for a scenario given by name.
         backend, threads: as in `simulate_batch`.
         progress: function called with the number of runs flown since the last call.
-        store: folder in which finished runs are stored. The same search resumes from it.
+        store: folder in which finished runs are stored. The same search resumes from this folder.
 
     Raises: InputError for a search that can't be flown, before any run starts.
     """

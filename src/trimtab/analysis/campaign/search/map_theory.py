@@ -1,4 +1,4 @@
-"""Linear theory for a stability map: delay margin, jitter margin and critical packet loss, where they apply.
+"""Linear theory for a stability map: delay margin, jitter margin and critical packet loss, as far as each applies.
 
 The theory needs the total delay of a signal in the loop: the time in transit on the links, and the time for which the
 signal is held between packets and between actuator frames.

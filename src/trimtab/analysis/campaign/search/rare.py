@@ -149,7 +149,7 @@ def estimate_rare(
         runs: approximate number of runs.
         seed: seed of all random numbers.
         settings, without, faults: as in `trimtab run`, only for a scenario given by name.
-        folder: folder in which finished rounds are stored. The same estimation resumes from it.
+        folder: folder in which finished rounds are stored. The same estimation resumes from this folder.
         backend, threads: as in `simulate_batch`.
         progress: function called with the number of runs flown since the last call.
         report: function called once after the pilot runs, with the forecast.
@@ -247,7 +247,7 @@ class _Study:
             problem = (
                 f"after {stalled.flown} runs the margin stays at {stalled.level:.4g} and does not approach 0, a failure"
             )
-            fix = "use a condition on a quantity that approaches its bound gradually, e.g. a peak error"
+            fix = "use a condition with a metric that approaches the bound gradually, e.g. the peak of an error"
             raise InputError(argument_name("success"), problem, fix=fix) from None
         self.rate = (self.new_runs - before) / (time.perf_counter() - began)
         rest = max(runs - self.ladder.flown, 0)

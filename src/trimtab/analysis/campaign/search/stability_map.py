@@ -2,7 +2,7 @@
 success.
 
 Source: docs page, Stability maps; R. A. Finkel, J. L. Bentley, "Quad trees: a data structure for retrieval on composite
-keys", Acta Informatica 4 (1974), for the tree of cells. The rule for splitting cells is this package's own.
+keys", Acta Informatica 4 (1974), for the tree of cells. The rule for splitting cells was developed for this package.
 """
 
 from collections.abc import Callable, Iterable
@@ -138,7 +138,7 @@ def check_grid(coarse: tuple[int, int], depth: int) -> None:
     """Raise InputError for a coarse grid with fewer than 2 points along an axis, or for a depth out of range."""
     if min(coarse) < 2 or not 0 <= depth <= DEEPEST:
         problem = f"got a coarse grid of {coarse[0]} x {coarse[1]} points and depth {depth}"
-        fix = f"give 2 points or more along each axis, and a depth of 0 to {DEEPEST}"
+        fix = f"use 2 points or more along each axis, and a depth of 0 to {DEEPEST}"
         raise InputError("boundary", problem, fix=fix)
 
 
@@ -254,7 +254,7 @@ def stability_map(
         runs: number of runs at each point.
         depth: number of times that a cell is halved.
         threshold: share of successful runs that defines the boundary.
-        seed: seed of the first run at a point. The seeds of its further runs are seed + 1, seed + 2, …
+        seed: seed of the first run at each point. The further runs at a point have seeds seed + 1, seed + 2, …
         swing: largest accepted residual oscillation, as a fraction of each target's band. Not used with `success`.
         success: function that returns the success of each run of a batch from its log. Default: `target_success`.
         signals: signals logged for `success`. Default without `success`: the targets' signals.
@@ -295,7 +295,7 @@ def stability_map(
 
 
 class _PointFlights(NamedTuple):
-    """Function that flies the runs at points of a map, with its settings.
+    """Settings of the runs at the points of a map, with methods that fly the runs.
 
     scenario: scenario to fly.  seeds: seeds of the runs at a point.  is_success: function that returns the success of
     each run.  numbers: number of logged values of a run.  options: options of `simulate_batch`.  memo: store of

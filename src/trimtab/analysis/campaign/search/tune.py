@@ -173,7 +173,7 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
             raise InputError(
                 part,
                 problem,
-                fix=f"give a wider range, or another start: {argument('settings', f'{low:g}', factor.text)}",
+                fix=f"use a wider range, or another start value: {argument('settings', f'{low:g}', factor.text)}",
             )
         log = factor.distribution.kind == "loguniform"
         values.append(own)
@@ -189,7 +189,7 @@ class TuningResult(NamedTuple):
     seen_comparison: comparison with the scenario's own gains, in the runs used for tuning.
     held_out_comparison: the same comparison in the validation runs. It decides if the tuned gains are better.
     flown_runs: total number of runs. A run with derivatives along d gains counts d times.  wall_s: duration (s).
-    at_bounds: gains within BOUND of an end of their range. A wider range may give a better result.
+    at_bounds: gains within BOUND of an end of the range. A wider range may lead to a better result.
     """
 
     plan: CampaignPlan
@@ -252,7 +252,7 @@ def tune(
         settings, without, faults: as in `trimtab run`, only for a scenario given by name.
         backend, threads: as in `simulate_batch`.  progress: function called with the number of runs flown since the
             last call.
-        store: folder in which finished runs are stored. The same tuning resumes from it.
+        store: folder in which finished runs are stored. The same tuning resumes from this folder.
     Raises: InputError for a scenario that can't be flown or tuned, before any run starts.
     """
     began = time.perf_counter()
@@ -314,7 +314,7 @@ def _check_tuning(
 
 
 def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[str, ...]) -> Gains:
-    """Return the gains to tune, after a check of their ranges.
+    """Return the gains to tune, after a check of the search ranges.
 
     Errors name the gain, not the spread that represents the gain.
     """

@@ -137,7 +137,7 @@ class Quantile(NamedTuple):
         return f"p{100 * self.p:.10g}"
 
     def __str__(self) -> str:
-        """Return the quantile and its band as text, as in "p95 8.31 (8.02 to 8.77)"."""
+        """Return the quantile and the confidence band as text, as in "p95 8.31 (8.02 to 8.77)"."""
         few = "" if self.trials >= self.needed_runs else f"; both bounds need {self.needed_runs} runs"
         return f"{self.name} {self.value:.4g} ({self.low:.4g} to {self.high:.4g}{few})"
 
@@ -145,7 +145,7 @@ class Quantile(NamedTuple):
 def quantile(
     values: Any, p: float, level: float = 0.95, *, missing: float = math.inf, anytime: bool = False
 ) -> Quantile:
-    """Return a quantile with its confidence band.
+    """Return a quantile of a metric with a confidence band.
 
     The confidence `level` applies to each band alone, not to the bands of several quantiles together.
 
@@ -153,7 +153,7 @@ def quantile(
         values: the metric of each run, shape (n,); runs are independent.
         p: level of the quantile, between 0 and 1.
         level: confidence, between 0 and 1. The probabilities of the two tails are equal.
-        missing: value of a run whose metric is NaN (a diverged run, or one that never settled). Use inf if large
+        missing: value for a run whose metric is NaN (the run diverged, or the signal never settled). Use inf if large
             values of the metric are bad, -inf if small values are bad.
         anytime: True if the bands must be valid at all numbers of runs together, for a campaign that may stop because
             of them.
@@ -249,7 +249,7 @@ class Mean(NamedTuple):
     not_finite: int
 
     def __str__(self) -> str:
-        """Return the mean and its interval as text, as in "4.21 (4.05 to 4.4)"."""
+        """Return the mean and the confidence interval as text, as in "4.21 (4.05 to 4.4)"."""
         return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g})"
 
 

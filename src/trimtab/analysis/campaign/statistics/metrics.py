@@ -1,4 +1,4 @@
-"""Metrics of a campaign, computed for a block of runs at once. `logs.metrics` computes them for one run.
+"""Metrics of a campaign, computed for a block of runs together. `logs.metrics` computes the metrics of one run.
 
 A metric is written as KIND:SIGNAL, e.g. ``settling:yaw_rate`` or ``peak:truth.sway_velocity``, as robustness:FORMULA,
 or as a function in a file, ``my_metrics.py:miss_distance``. The function maps `Rows` of n runs to an array (n,).
@@ -52,7 +52,7 @@ class Rows:
     _errors: dict[str, Any] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __getitem__(self, path: str) -> Any:
-        """Return the values (n, m, …) of a signal, given its path or short name.
+        """Return the values (n, m, …) of the signal with a path or short name.
 
         "truth.velocity[2]" selects one element of a vector; the values are then (n, m).
         """
@@ -271,7 +271,7 @@ def find_metric(
         signals: path -> shape of each signal of the scenario, including derived signals such as flight.roll.
         targets: targets of the scenario.
         units: path -> unit of each signal.
-        duration: duration of a run (100 ns). A formula must not need signals beyond it. None: no limit.
+        duration: duration of a run (100 ns). A formula must not need signals after the run. None: no limit.
     """
     written = parse_metric(text)
     kind, name = written

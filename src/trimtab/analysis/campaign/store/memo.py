@@ -1,9 +1,10 @@
 """Cache of a search's flights on disk, from which the same search resumes after a stop.
 
-A search is reproducible: its points follow from its seed and from earlier flights. Each block of flights is stored
-under a SHA-256 key of the block's origin (plan, scenario, this package, the user's scenario file) and points. After a
-restart, the search requests the same points and reads the stored blocks. Blocks in an unreadable file are flown again.
-Changes in modules that the user's scenario file imports are not detected, so use a new folder after such changes.
+A search is reproducible, because its points depend only on its seed and on earlier flights. Each block of flights is
+stored under a SHA-256 key of the block's origin (plan, scenario, this package, the user's scenario file) and points.
+After a restart, the search requests the same points and reads the stored blocks. Blocks in an unreadable file are flown
+again. Changes in modules that the user's scenario file imports are not detected, so use a new folder after such
+changes.
 """
 
 import hashlib

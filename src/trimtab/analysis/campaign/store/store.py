@@ -52,7 +52,7 @@ class MemoryStore:
         self._finished_rows[first : first + len(columns["success"])] = True
 
     def read(self) -> dict[str, Any]:
-        """Return the columns of the finished rows by name, with their run numbers as the column `run`."""
+        """Return the columns of the finished rows by name. The column `run` contains the run numbers."""
         done = self._finished_rows
         return {"run": np.flatnonzero(done), **{name: rows[done] for name, rows in self._columns.items()}}
 
@@ -164,7 +164,7 @@ class CampaignStore:
             raise InputError(f"store {str(self.folder)!r}", problem, fix=fix) from None
 
     def read(self) -> dict[str, Any]:
-        """Return the columns of the finished rows by name, with their run numbers as the column `run`."""
+        """Return the columns of the finished rows by name. The column `run` contains the run numbers."""
         try:
             done = self.finished_rows()
             columns = {n: np.asarray(a[: len(done)])[done] for n, a in self._arrays.items() if n != DONE}
@@ -249,7 +249,7 @@ def open_store(
     except BaseException as error:
         os.close(lock)
         if isinstance(error, json.JSONDecodeError | KeyError):
-            problem = f"a description in it is damaged: {error}"
+            problem = f"a description in the store is damaged: {error}"
             raise InputError(part, problem, fix=f"name another store: {argument('store', 'OTHER.zarr')}") from None
         if isinstance(error, OSError):
             fix = f"free disk space, or name another store: {argument('store', 'NAME.zarr')}"
@@ -258,7 +258,7 @@ def open_store(
 
 
 def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return attributes and columns of an existing store. A campaign may be writing to it at the same time."""
+    """Return attributes and columns of an existing store. A campaign may write to the store at the same time."""
     zarr = _import_zarr()
     if not (folder / "zarr.json").exists():
         fix = "trimtab campaign SCENARIO --store NAME.zarr"

@@ -211,7 +211,7 @@ def uses_c(ready: PreparedCampaign, backend: str) -> bool:
 
 
 def _group_by_program(values: Mapping[str, Any], options: list[str], n: int) -> list[tuple[dict[str, int], Any]]:
-    """Group the runs of a block by the values of their options. Each combination of values needs its own program.
+    """Group the runs of a block by the values of the varied options. Each combination of values needs its own program.
 
     Return for each group the value of each option, and the indices of its runs in the block.
     """

@@ -98,7 +98,7 @@ def fly_rows(plain: Mapping[str, Any], asker: Mapping[str, str], first: int, las
 
 
 def _this_worker() -> tuple[str, int]:
-    """Return the worker's address, as the scheduler knows it, and the number of threads that it may use."""
+    """Return this worker's address, as known to the scheduler, and the number of threads that the worker may use."""
     from distributed import get_worker
 
     try:

@@ -1,4 +1,4 @@
-"""Plan of a campaign, checked against its scenario, and the parameters of each run.
+"""Plan of a campaign, with checks against the scenario, and computation of the parameters of each run.
 
 A plan is JSON-compatible data that determines the results of every run. From the same plan, a later session or another
 machine computes the same results.
@@ -208,7 +208,7 @@ def prepare_campaign(
     Args:
         plan: plan of the campaign.
         scenario: scenario of the campaign. None: the scenario is built from the name and settings in the plan.
-        own: metrics of the user that are functions.
+        own: the user's metrics that are defined by functions.
 
     Raises: InputError with a fix, for an invalid campaign.
     """
@@ -296,7 +296,7 @@ def draw_runs(ready: PreparedCampaign, first: int, last: int) -> tuple[Points, d
 
 
 def _check_values(ready: PreparedCampaign) -> None:
-    """Raise InputError, with the run's number, if a varied parameter leaves its valid range.
+    """Raise InputError, with the run's number, if a varied parameter leaves the valid range.
 
     For each parameter, only the runs with its smallest and its largest value are checked.
     """
