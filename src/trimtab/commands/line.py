@@ -1,4 +1,4 @@
-"""Functions shared by the verbs `vehicle`, `fly` and `inject`: radio link, signing key and MAVLink endpoint."""
+"""Functions shared by the subcommands `vehicle`, `fly` and `inject`: radio link, signing key and MAVLink endpoint."""
 
 import contextlib
 import ipaddress

@@ -17,7 +17,9 @@ from trimtab.scenarios import catalogue
 @click.argument("scenario", metavar="[SCENARIO]", required=False)
 @click.option("--toml", "as_toml", is_flag=True, help="Print the scenario in the format of a scenario file (TOML).")
 @click.option("--schema", "as_schema", is_flag=True, help="Print the JSON schema of scenario files.")
-@click.option("--answers", "as_answers", is_flag=True, help="Print the JSON schema of the --json output of all verbs.")
+@click.option(
+    "--answers", "as_answers", is_flag=True, help="Print the JSON schema of the --json output of all subcommands."
+)
 @JSON
 def command(scenario: str | None, as_toml: bool, as_schema: bool, as_answers: bool, as_json: bool) -> None:
     """List the scenarios, or all settings of one scenario.

@@ -1,4 +1,4 @@
-"""Options and arguments shared by several verbs, with the functions that parse them."""
+"""Options and arguments shared by several subcommands, with the functions that parse them."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -122,7 +122,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON obje
 
 
 def OUT(metavar: str, help: str, required: bool = False, name: str = "out") -> Callable[..., Any]:
-    """Return a decorator that adds ``--out``, the file or folder that the verb writes, and ``--overwrite``."""
+    """Return a decorator that adds ``--out``, the file or folder that the subcommand writes, and ``--overwrite``."""
 
     def add_options(function: Callable[..., Any]) -> Callable[..., Any]:
         check = _refuse_picture if metavar == "DIR" else None
@@ -140,7 +140,7 @@ def _refuse_picture(context: click.Context, parameter: click.Parameter, folder: 
 
 
 def PLOT(help: str, name: str = "plot") -> Callable[..., Any]:
-    """Return a decorator that adds ``--plot``, the picture that the verb writes, and ``--overwrite``."""
+    """Return a decorator that adds ``--plot``, the picture that the subcommand writes, and ``--overwrite``."""
 
     def add_options(function: Callable[..., Any]) -> Callable[..., Any]:
         return click.option("--plot", name, type=FILE, metavar="FILE", help=help)(with_overwrite(function))

@@ -1,4 +1,4 @@
-"""Output of the verbs as JSON, tables and files. Output paths are checked before anything runs."""
+"""Output of the subcommands as JSON, tables and files. Output paths are checked before anything runs."""
 
 import contextlib
 import json
@@ -31,9 +31,9 @@ ANSWER_VERSION = 1
 
 
 def print_json(result: Mapping[str, Any], files: Iterable[str | Path] = (), verb: str = "") -> None:
-    """Print the answer of a verb as one JSON object on one line, in the format of `ANSWERS`, with any files written.
+    """Print the answer of a subcommand as one JSON object on one line, in the format of `ANSWERS`, with files written.
 
-    verb: name of the verb, or an empty text for the verb that runs.
+    verb: name of the subcommand, or an empty text for the subcommand that runs.
     """
     names = [str(file) for file in files]
     note_written(names)
@@ -42,12 +42,12 @@ def print_json(result: Mapping[str, Any], files: Iterable[str | Path] = (), verb
 
 
 def compose_answer(verb: str, result: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the answer of a verb: verb name with version, then the fields. Non-finite numbers become null."""
+    """Return the answer of a subcommand: its name with version, then the fields. Non-finite numbers become null."""
     return {"answer": f"{verb}/{ANSWER_VERSION}"} | _to_json(result)
 
 
 def _running_verb() -> str:
-    """Return the name of the verb that runs, the word after the program's name."""
+    """Return the name of the subcommand that runs, the word after the program's name."""
     context = click.get_current_context()
     while context.parent is not None and context.parent.parent is not None:
         context = context.parent

@@ -1,4 +1,4 @@
-"""Messages on standard error about a verb's progress, remaining time and expected output size."""
+"""Messages on standard error about a subcommand's progress, remaining time and expected output size."""
 
 import math
 import os

@@ -1,9 +1,9 @@
-"""Check of the typed names of a scenario and its settings, before the module of the typed verb is imported.
+"""Check of the typed names of a scenario and its settings, before the module of the typed subcommand is imported.
 
 The import takes a second or more. With this check, a typo is reported without that delay. The paths of a scenario's
 settings are cached when `trimtab list`, `trimtab run` or shell completion runs, and after a wrong path. Until then only
-the first word of a path is checked. Names that cannot be checked here are checked by the verb, which gives the same
-message.
+the first word of a path is checked. Names that cannot be checked here are checked by the subcommand, which gives the
+same message.
 """
 
 import re
@@ -23,9 +23,9 @@ TAKES_SCENARIO = frozenset(
         *("identify", "vehicle", "fly", "console", "inject", "export", "firmware"),
     )
 )
-"""Verbs whose first argument is a scenario."""
+"""Subcommands whose first argument is a scenario."""
 TAKES_VEHICLE = frozenset(("trim", "linearise", "zeros", "export", "console"))
-"""Verbs whose first argument may be a scenario, but also a vehicle, a function in a file, or a log."""
+"""Subcommands whose first argument may be a scenario, but also a vehicle, a function in a file, or a log."""
 PATHS = {"--set": "settings", "--spread": "spread", "--gain": "gains"}
 """Option whose value begins with the path of a setting -> name of the Python argument for this option."""
 ROOTS = (
@@ -50,8 +50,8 @@ def check_names(words: Sequence[str], plain: Sequence[str] | None) -> None:
     """Check the scenario and the settings of a command line.
 
     Args:
-        words: words as typed, beginning with the verb.
-        plain: words after the verb that are not options; None if unknown.
+        words: words as typed, beginning with the subcommand.
+        plain: words after the subcommand that are not options; None if unknown.
 
     Raises: InputError with the nearest names, for an unknown scenario or setting.
     """

@@ -1,8 +1,8 @@
 """Record of the files that trimtab wrote and may replace. Any other file belongs to the user and is kept.
 
-The cache's folder `written` stores digests (SHA-256) of the path and of the content of each file that a verb wrote. A
-file with that content may be replaced. A file that was edited since, or was not written by trimtab, is
-not replaced unless ``--overwrite`` is given: the verb ends with an error before anything runs. Without a cache, no
+The cache's folder `written` stores digests (SHA-256) of the path and of the content of each file that a subcommand
+wrote. A file with that content may be replaced. A file that was edited since, or was not written by trimtab, is not
+replaced unless ``--overwrite`` is given: the subcommand ends with an error before anything runs. Without a cache, no
 existing file is replaced.
 """
 
@@ -28,7 +28,7 @@ LIMIT = 5000
 
 
 def with_overwrite(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add ``--overwrite`` to a verb, unless the verb already has it."""
+    """Add ``--overwrite`` to a subcommand, unless the subcommand already has it."""
     options = getattr(function, "__click_params__", ())
     if any("--overwrite" in option.opts for option in options):
         return function
