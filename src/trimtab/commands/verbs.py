@@ -70,7 +70,7 @@ OPTIONS = {
 
 
 class Verbs(click.Group):
-    """Subcommands by name: ``link-test`` is `command` in ``link_test.py``. Invalid input exits with code 2 and a fix."""
+    """Subcommands: ``link-test`` is `command` in ``link_test.py``. Invalid input exits with code 2 and a fix."""
 
     def __init__(self, names: Sequence[str], **options: Any) -> None:
         super().__init__(commands={name: click.Command(name) for name in names}, **options)
