@@ -40,7 +40,7 @@ from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.rng import threefry2x32
 
 DESIGNS = ("saltelli", "morris")
-"""Designs for sensitivity analysis. Their rows are not independent samples."""
+"""Sampling designs for sensitivity analysis. The runs of such a design are not independent samples."""
 SAMPLINGS = ("random", "sobol", "latin", *DESIGNS)
 NOISE = "noise"
 """Name of the factor that represents a run's random numbers."""
@@ -146,7 +146,7 @@ def rows_per_base(parameters: int, *, noise: bool = True) -> int:
 
 
 def saltelli_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> Points:
-    """Return rows first to last - 1 of Saltelli's design.
+    """Return the sampling points of rows (runs) first to last - 1 of Saltelli's design.
 
     Args:
         seed: seed of the campaign.
@@ -186,7 +186,7 @@ def rows_per_trajectory(parameters: int, *, noise: bool = True) -> int:
 
 
 def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> Points:
-    """Return rows first to last - 1 of Morris's design. The arguments are those of `saltelli_rows`."""
+    """Return the sampling points of rows first to last - 1 of Morris's design. Arguments as for `saltelli_rows`."""
     if not 0 <= first < last or parameters < 1:
         problem = f"not a valid range of rows: first {first}, last {last}, with {parameters} parameters"
         raise InputError("morris", problem, fix="give 0 <= first < last and at least one parameter")

@@ -51,7 +51,7 @@ class Spread(NamedTuple):
     mixing: Any = None
 
     def correlate(self, u: Any) -> Any:
-        """Apply the correlations to sampling points u (n, d). Each column stays uniformly distributed."""
+        """Apply the correlations to sampling points u (n, d). Each column of u stays uniformly distributed."""
         if self.mixing is None:
             return u
         return special.ndtr(special.ndtri(u) @ self.mixing.T)

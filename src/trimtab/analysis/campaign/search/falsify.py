@@ -61,7 +61,7 @@ NAME = "margin"
 SMALLEST_VIOLATION = 1e-12
 """Smallest absolute value of the margin of a violated condition."""
 OVER: Mapping[str, Callable[[Any], Any]] = {"worst": lambda m: m.min(axis=1), "mean": lambda m: m.mean(axis=1)}
-"""Functions that combine margins (n, k) of k runs at n points into the values (n,) to minimise by the search."""
+"""Functions that combine margins (n, k) of k runs at n points into one value for each point (n,), to be minimised."""
 TAIL = float(special.ndtr(-3.0))
 """Probability that is cut off at each end of a distribution without bounds."""
 BATCH_RUNS_MIN = 64

@@ -157,7 +157,7 @@ def _split_cell(cell: Cell) -> list[Cell]:
 
 
 def _cell_nodes(cell: Cell) -> list[tuple[int, int]]:
-    """Return the lattice points in the middle of a cell and in the middle of each of its edges."""
+    """Return the lattice points in the middle of a cell and in the middle of each edge of the cell."""
     i, j, size = cell
     h = size // 2
     return [(i + h, j), (i, j + h), (i + h, j + h), (i + size, j + h), (i + h, j + size)]

@@ -121,13 +121,13 @@ def _elementary_effects(table: Any, seed: int, parameters: int, noise: bool) -> 
 
 
 def _mean_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
-    """Return the mean of each column, and the lower and upper bounds of Student's interval."""
+    """Return the mean of each column, i.e. factor, and the lower and upper bounds of Student's interval."""
     width = stats.t.ppf((1 + level) / 2, len(x) - 1) * x.std(axis=0, ddof=1) / np.sqrt(len(x))
     return x.mean(axis=0), x.mean(axis=0) - width, x.mean(axis=0) + width
 
 
 def _deviation_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
-    """Return the standard deviation of each column, with an interval by a jackknife of the variance's logarithm."""
+    """Return the standard deviation of each column, i.e. factor, with an interval by a jackknife of the log variance."""
     n = len(x)
     apart = (x - x.mean(axis=0)) ** 2
     whole = apart.sum(axis=0) / (n - 1)

@@ -123,7 +123,7 @@ def _one_sided_bounds(requirement: Requirement, x: Any, anytime: bool) -> tuple[
 
 
 def success_proportion(success: Any, level: float, *, anytime: bool = False) -> Proportion:
-    """Return the share of successes in a column of True and False. Raise InputError for other values."""
+    """Return the share of successes in an array of True and False. Raise InputError for other values."""
     x = as_column(success, "metric 'success'")
     if not np.isin(x, (0.0, 1.0)).all():
         problem = "each value of success must be true or false"

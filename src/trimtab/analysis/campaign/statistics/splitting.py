@@ -74,8 +74,8 @@ class ChainStates(NamedTuple):
 class Ladder(NamedTuple):
     """Result of the pilot. levels: decreasing margins (K,), of which the last is 0.
 
-    steps: step size s of each parameter below each level (K - 1, d).  refresh: probability q of redrawing a seed of the
-    noise below each level (K - 1,).  estimate: failure probability from the pilot alone, which is biased.  flown:
+    steps: step size s of each parameter below each level (K - 1, d).  refresh: probability q of drawing a noise
+    seed again below each level (K - 1,).  estimate: failure probability from the pilot alone, which is biased.  flown:
     number of pilot runs.
     """
 
@@ -98,7 +98,7 @@ class Stalled(Exception):
     """
 
     def __init__(self, level: float, flown: int) -> None:
-        super().__init__(f"margins stay at {level:.6g}")
+        super().__init__(f"the margins stay at {level:.6g}")
         self.level, self.flown = level, flown
 
 
@@ -146,7 +146,7 @@ def _join(parts: list[ChainStates]) -> ChainStates:
 class _Pace:
     """Step sizes of the kernel, adapted until the share of accepted steps is ACCEPTANCE.
 
-    s: step size of a parameter, in standard deviations.  q: probability of redrawing a word.
+    s: step size of a parameter, in standard deviations.  q: probability of drawing a noise seed again.
     """
 
     def __init__(self) -> None:

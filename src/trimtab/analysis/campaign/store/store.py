@@ -41,11 +41,11 @@ class MemoryStore:
         self._columns: dict[str, Any] = {}
 
     def finished_rows(self) -> Any:
-        """Return True for each finished row (runs,)."""
+        """Return an array (runs,) that is True for each finished run."""
         return self._finished_rows.copy()
 
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
-        """Store the rows of a block, from row number `first` on."""
+        """Store the rows of a block of runs. first: number of the first run."""
         for name, column in columns.items():
             rows = self._columns.setdefault(name, np.zeros(self._runs, np.asarray(column).dtype))
             rows[first : first + len(column)] = column
@@ -141,7 +141,7 @@ class CampaignStore:
         return dict(self._group.attrs)
 
     def finished_rows(self) -> Any:
-        """Return True for each finished row (runs,)."""
+        """Return an array (runs,) that is True for each finished run."""
         return np.asarray(self._arrays[DONE][:])
 
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
@@ -188,7 +188,7 @@ class CampaignStore:
                     self._chunk_path(name, k).unlink(missing_ok=True)
 
     def _damaged_chunks(self, name: str, needed: set[int]) -> set[int]:
-        """Return the numbers of the chunks of a column that are unreadable, or needed but missing."""
+        """Return the numbers of those chunks of a column that are unreadable, or that are needed but missing."""
         there = {int(f.name) for f in self._chunk_path(name, 0).parent.glob("*")}
         if self._is_readable(name, slice(None)):
             return needed - there
@@ -310,7 +310,7 @@ def read_block_length(folder: Path) -> int | None:
 
 
 def missing_blocks(done: Any, runs: int, block: int) -> Iterator[tuple[int, int]]:
-    """Yield first row and last row + 1 of each block with a missing row."""
+    """Yield first row and last row + 1 of each block in which a row is missing."""
     for first in range(0, runs, block):
         last = min(first + block, runs)
         if not done[first:last].all():

@@ -75,7 +75,7 @@ def batch_rows(scenario: Scenario, batch: Batch) -> Rows:
 def compute_metrics(ready: PreparedCampaign, rows: Rows) -> dict[str, Any]:
     """Compute the results of n runs by name, each (n,): metrics, `success`, and `lost` (True if the run diverged).
 
-    rows.final must contain the last values of the whole truth.
+    rows.final must contain the last values of all true states.
     """
     n = len(next(iter(rows.final.values())))
     metrics: dict[str, Any] = {m.name: np.empty(n) for m in ready.metrics}

@@ -43,7 +43,7 @@ class RowCount:
             self._tell(sum(self._pieces.values()))
 
     def keep(self, done: int) -> None:
-        """Report that `done` rows are stored."""
+        """Report that `done` rows (runs) are stored."""
         with self._alone:
             self._tell(done)
 
