@@ -127,7 +127,7 @@ def _mean_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
 
 
 def _deviation_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
-    """Return the standard deviation of each column, i.e. factor, with an interval by a jackknife of the log variance."""
+    """Return the standard deviation of each column, i.e. factor, with an interval by jackknife of the log variance."""
     n = len(x)
     apart = (x - x.mean(axis=0)) ** 2
     whole = apart.sum(axis=0) / (n - 1)
