@@ -123,8 +123,7 @@ def identify_each(scenario: Scenario, flights: Sequence[FlightData], paths: Sequ
     """Fit parameters of a scenario's vehicle and actuators to each flight separately, and return the results.
 
     The results of the flights can be compared by their intervals. For flights of the same length, with measurements at
-    the same times,
-    the likelihood is compiled once.  Raises: as `identify`.
+    the same times, the likelihood is compiled once.  Raises: as `identify`.
     """
     return _identify_groups(scenario, [[flight] for flight in flights], paths, (), lambda stage, iteration, value: None)
 

@@ -97,7 +97,8 @@ class CompiledLikelihood(NamedTuple):
 
     score(timeline, p): log likelihood, gradient (m,), information matrix (m, m).  value(timeline, p): log likelihood.
     slopes(timeline, p (n, m), along (j, m)): log likelihoods (n,) at n points, and derivatives (n, j) along j
-    directions. innovations(timeline, p): `Innovations`.
+    directions.
+    innovations(timeline, p): `Innovations`.
     """
 
     score: Callable[[Any, Any], Any]

@@ -192,8 +192,7 @@ class StabilityMap(NamedTuple):
 
     scenario: scenario as flown, with links and buffers prepared for all latencies of the map.  x, y: axes.  at_x, at_y:
     values on the axes of the finest grid (nx,), (ny,).  traced_boundary: evaluated points, shares of successes, cells.
-    runs:
-    number of runs at each point.  backend: simulation backend used.
+    runs: number of runs at each point.  backend: simulation backend used.
     """
 
     scenario: Scenario

@@ -45,9 +45,8 @@ class Morris(NamedTuple):
 
     factors: names of the factors. The noise, if it is a factor, is the last.  mu, mu_star, sigma: statistics of the
     effects in the metric's unit, for a change over the factor's whole range.  *_low, *_high: limits of the confidence
-    intervals.  trajectories: number of
-    trajectories used.  rows: number of runs in these trajectories.  note: reason if the effects are missing, otherwise
-    empty.
+    intervals.  trajectories: number of trajectories used.  rows: number of runs in these trajectories.  note: reason if
+    the effects are missing, otherwise empty.
     """
 
     factors: tuple[str, ...]

@@ -37,8 +37,7 @@ class RequirementVerdict(NamedTuple):
     outcome: "met", "not met" or "undecided".  value: value of the statistic in the runs flown.  low, high: one-sided
     bounds of the true value, each at the requirement's confidence. For max and min both bounds equal the value, and the
     verdict covers only the runs flown.  trials: number of runs.  not_finite: number of runs without a finite value,
-    which count
-    as violations.  note: text with the reason for the outcome.
+    which count as violations.  note: text with the reason for the outcome.
     """
 
     requirement: Requirement
