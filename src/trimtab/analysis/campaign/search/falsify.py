@@ -16,7 +16,7 @@ metric to the bound, relative to the bound. The margin of a run is that of the w
     first_reach:s <= T   1 - min |e|/band, over the rows up to T
     any other <= b       (b - x)/|b|, or b - x if b = 0
     >= and >             the same with the opposite sign
-    margin               min of room/(1 + |room|), in (-1, 1);  a diverged run: -2 + t/T, t: time of first bad row
+    margin               min of room/(1 + |room|), in (-1, 1);  a diverged run: -2 + t/T, t: first non-finite time
 
 The room of settling is negative, the distance outside the band, if the signal does not settle by T. Otherwise it is the
 remaining distance to the edge of the band. A margin is negative if and only if a condition does not hold.

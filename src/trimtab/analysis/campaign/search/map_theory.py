@@ -47,7 +47,8 @@ def loop_delay(scenario: Scenario) -> LoopDelay:
 
     A link's latency ends at the receiver's next sampling instant. If the actuators accept commands only in frames
     that are synchronous with the packets, the latency ends at the next frame. A signal held for a time h is delayed by
-    h/2 on average and by at most h. Not included: queueing of packets, lost packets, and the dynamics of estimator and actuators.
+    h/2 on average and by at most h. Not included: queueing of packets, lost packets, and the dynamics of estimator and
+    actuators.
 
     Raises: InputError if the latency of a link is not known.
     """
