@@ -133,7 +133,7 @@ def test_demo_says_where_its_picture_is(tmp_path, monkeypatch):
     assert str(tmp_path / "trimtab-demo.png") in done.stdout.replace("\n", "")
     assert (tmp_path / "trimtab-demo.png").stat().st_size > 20_000
     assert re.match(r"real:  not at rest: yaw_rate .*\nideal: at rest after \d+\.\d+ s\n", done.stdout)
-    assert "its right side shows the path" in done.stdout
+    assert "The right side shows the path" in done.stdout
 
 
 @pytest.mark.thorough

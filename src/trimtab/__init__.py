@@ -1,6 +1,6 @@
 """trimtab: guidance, navigation and control of vehicles that are hard to steer.
 
-Each public name is imported when it is first used, so that ``import trimtab`` is fast.
+Each public name is imported from its module when the name is first used, so that ``import trimtab`` is fast.
 """
 
 import importlib
@@ -71,7 +71,7 @@ OTHER_NAMES = {
     "codegen": "export_c",
     "budget": "error_budget",
 }
-"""Public name for each other common name, and for each subcommand of the command line."""
+"""Synonym, or subcommand of the command line -> public name."""
 
 
 def __getattr__(name: str) -> object:

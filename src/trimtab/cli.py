@@ -4,7 +4,7 @@
 trimtab demo                                     fly a first scenario: a table and a picture
 trimtab list                                     every scenario
 trimtab list hovercraft/spin                     all settings of one scenario, with unit and meaning
-trimtab new vehicle my_bike                      a template of your own vehicle, with test and page; also law, sensor …
+trimtab new vehicle my_bike                      a template of a new vehicle, with test and page; also law, sensor …
 trimtab run hovercraft/spin --plot spin.png      simulate it, ideal and real
 trimtab run hovercraft/spin --set world.vehicle.mass=3.2 --without navigation-error
 trimtab run hovercraft/forward --navigation ins  navigate by IMU and ultrasonic network instead of an error model
@@ -16,7 +16,7 @@ trimtab tune hovercraft/zero-velocity --gain autopilot.law.k1=0.5:3 --gain autop
 trimtab map hovercraft/zero-velocity --x delay=0:0.6 --y loss=0:0.9 --success 'error_rms:yaw_rate <= 0.6'
 trimtab reproduce hovercraft2006                 recompute a publication's figures, with verdicts
 trimtab calibrate noise still/run.mcap           noise of a sensor at rest; Q and R of a filter
-trimtab calibrate thrust thrust.csv --out boat.toml  parameters from force readings, with their errors
+trimtab calibrate thrust thrust.csv --out boat.toml  parameters from force readings, with errors
 trimtab identify hovercraft/spin flight.mcap --fit world.vehicle.mass   parameters from a flight
 trimtab linearise hypersonic --output h --output V     trim, poles, modes and zeros of a vehicle
 trimtab design hypersonic --out gain.json        a gain, and a certificate that proves its stability
@@ -25,7 +25,7 @@ trimtab vehicle hovercraft/forward --listen udp://:14550           a simulated v
 trimtab fly hovercraft/forward --link udp://127.0.0.1:14550        the autopilot for it, in real time
 trimtab console hovercraft/pilot                 fly a simulated craft from a page in a browser
 trimtab replay here/flight.mcap                  replay a log's frames; the result is bit-identical
-trimtab plot here/flight.mcap truth.yaw_rate     signals of a log, by their paths
+trimtab plot here/flight.mcap truth.yaw_rate     plot signals of a log
 trimtab compare a/run.mcap b/run.mcap            first difference of two logs, or of a log and its rerun
 trimtab convert there/vehicle.mcap --as ros2 --out bag   a flight for RViz; also for Rerun
 """

@@ -1,9 +1,9 @@
-"""Studies recompute publications. Each row of a study compares a value printed in a publication with the computed one.
+"""Studies recompute publications. Each row of a study compares a value printed in a publication with a computed value.
 
 A study is a package of Python files: a folder of `studies/` in a clone of trimtab, or a folder of your own. Each file
 with a function ``rows`` is a group of the study. The first line of the file's docstring is the group's title,
-``SECTION`` is its place in the publication ("6.2.1", or in words, "eq. 9"), and ``rows()`` yields its rows. An optional
-function ``figures(folder)`` draws pictures and yields their files.
+``SECTION`` is the group's place in the publication ("6.2.1", or in words, "eq. 9"), and ``rows()`` yields the rows. An
+optional function ``figures(folder)`` draws pictures and yields their files.
 """
 
 import ast
@@ -32,7 +32,7 @@ BASES: dict[str, str] = {
     "own": "an earlier result of this package: a regression test, not evidence about the publication",
     "input": "an input of the computation; the row shows that this input was used correctly",
 }
-"""Possible sources of the `printed` value of a row. The first three are the publication itself."""
+"""Possible sources of a row's `printed` value -> description. The first three are the publication itself."""
 PUBLISHED: tuple[Basis, ...] = ("printed", "text", "axis")
 
 
@@ -42,15 +42,15 @@ class Row:
 
     id: identifier ``place/what``, unique in the study.
     what: description of the value in a few words.
-    printed: number, pair (low, high) or words of the publication.
-    computed: number, pair, word or truth value; None if it cannot be computed here.
+    printed: value in the publication: a number, a range (low, high) or words.
+    computed: computed value: a number, a range, words, or True or False. None if it cannot be computed here.
     citation: place in the publication.
-    relation: kind of the comparison.
-    accepted: accepted range (low, high); infinite on an open side.
+    relation: kind of comparison, e.g. equality or upper limit.
+    accepted: accepted range (low, high) of `computed`; infinite on an open side.
     unit: unit of printed, computed and accepted.
     basis: source of `printed`, one of BASES.
     must_hold: True if the study fails when this row does not hold.
-    note: remark; for a row that need not hold, the reason.
+    note: remark. If the row need not hold, the note must state the reason.
     """
 
     id: str
@@ -66,11 +66,11 @@ class Row:
     note: str = ""
 
     def __post_init__(self) -> None:
-        """Raise ValueError if a row has no id, description or citation, or need not hold but has no note."""
+        """Raise ValueError if a row lacks id, description or citation, or if a row that need not hold lacks a note."""
         if not (self.id and self.what and self.citation):
             raise ValueError(f"row {self.id!r} needs an id, a description and a citation")
         if not self.must_hold and not self.note:
-            raise ValueError(f"row {self.id!r} need not hold: state the reason in its note")
+            raise ValueError(f"row {self.id!r} has must_hold=False, so its note must state the reason")
 
     @property
     def holds(self) -> bool:
@@ -90,17 +90,17 @@ class Row:
 
     @property
     def verdict(self) -> Verdict:
-        """Return the verdict. A row that does not hold is "not reproduced" if it need not hold, else "differs"."""
+        """Return "holds", or for a row that does not hold: "differs" if it must hold, otherwise "not reproduced"."""
         return "holds" if self.holds else "differs" if self.must_hold else "not reproduced"
 
     @property
     def confirms(self) -> bool:
-        """Return True if the row confirms the publication: it holds, and its compared value is from the publication."""
+        """Return True if the row confirms the publication: the row holds, and `printed` is from the publication."""
         return self.holds and self.basis in PUBLISHED
 
     @property
     def fails(self) -> bool:
-        """Return True if this row makes the study fail."""
+        """Return True if this row makes the study fail, i.e. it must hold but does not."""
         return self.must_hold and not self.holds
 
     @property
@@ -146,7 +146,7 @@ def within(
 def band(
     id: str, what: str, printed: Any, computed: Any, citation: str, *, low: float, high: float, **about: Any
 ) -> Row:
-    """Return a row that holds if `computed` lies in low..high, for a value that the publication gives as "about"."""
+    """Return a row that holds if `computed` lies in low..high, for a value that the publication states as "about"."""
     return Row(id, what, printed, float(computed), citation, "band", (low, high), **about)
 
 
@@ -156,7 +156,7 @@ def at_most(id: str, what: str, printed: Any, computed: Any, citation: str, *, h
 
 
 def inside(id: str, what: str, axis: tuple[float, float], computed: Any, citation: str, **about: Any) -> Row:
-    """Return a row that holds if the minimum and maximum of a run, `computed`, lie within the axis of a plot."""
+    """Return a row that holds if `computed`, (minimum, maximum) of a run, lies within the axis of a printed plot."""
     pair = float(computed[0]), float(computed[1])
     return Row(id, what, axis, pair, citation, "inside", axis, **{"basis": "axis", **about})
 
@@ -164,7 +164,8 @@ def inside(id: str, what: str, axis: tuple[float, float], computed: Any, citatio
 def overlaps(id: str, what: str, interval: tuple[float, float], computed: Any, citation: str, **about: Any) -> Row:
     """Return a row that holds if two intervals overlap.
 
-    computed: lowest and highest value of a maximum (or minimum) over many runs. interval: band read off a plot's axis.
+    computed: lowest and highest value that a maximum (or minimum) has over many runs. interval: range read off the
+    axis of a printed plot.
     """
     pair = float(computed[0]), float(computed[1])
     return Row(id, what, interval, pair, citation, "overlaps", interval, **{"basis": "axis", **about})
@@ -181,7 +182,7 @@ def direction(
     below: float = INFINITY,
     **about: Any,
 ) -> Row:
-    """Return a row for a statement in the text. The row holds if `computed` lies between `above` and `below`.
+    """Return a row for a statement in the text. The row holds if `computed` is between `above` and `below`.
 
     printed: words or number of the publication; "stated" if the study puts the statement into its own words.
     """
@@ -199,7 +200,7 @@ def missing_row(id: str, what: str, printed: Any, citation: str, *, note: str, *
 
 
 def format_value(value: Any) -> str:
-    """Format a value for a table: four digits of a number, a pair as a range, - for None."""
+    """Format a value for a table: a number with four digits, a pair as a range, None as a dash."""
     if value is None:
         return "-"
     if isinstance(value, bool):
@@ -225,7 +226,7 @@ HEADINGS = ("figure", "printed", "computed", "accepted", "unit", "verdict", "whe
 
 
 def rows_table(rows: Iterable[Row]) -> str:
-    """Return a Markdown table of rows; a star marks values that are not from the publication itself (see BASES)."""
+    """Return a Markdown table of rows. A star marks each value that is not from the publication itself (see BASES)."""
     lines = [_table_line(HEADINGS), _table_line("---" for _ in HEADINGS)]
     for row in rows:
         printed = format_value(row.printed) + ("" if row.basis in ("printed", "text") else " \\*")
@@ -241,15 +242,15 @@ def _table_line(cells: Iterable[str]) -> str:
 
 
 CLONE = Path(__file__).parents[2] / "studies"
-"""Folder of the studies in a clone of trimtab; an installed package does not contain it."""
-WHERE = "the studies are in trimtab's source repository: run the command in a clone of it, or name a study's folder"
+"""Folder of the studies in a clone of trimtab. An installed package does not contain this folder."""
+WHERE = "the studies are in trimtab's source repository: run the command in a clone, or name a study's folder"
 
 
 class StudyGroup(NamedTuple):
     """Group of rows of a study.
 
     file: Python file that computes the rows. name: name on the command line. title: first line of the file's docstring.
-    section: place in the publication. has_figures: True if the group draws pictures.
+    section: place in the publication. has_figures: True if the group can draw pictures.
     """
 
     file: Path
@@ -274,7 +275,7 @@ class StudyGroup(NamedTuple):
 
 
 def find_studies() -> dict[str, Path]:
-    """Return name -> folder of each study, in this clone or in `studies` below the working directory."""
+    """Return name -> folder of each study in this clone of trimtab and in `studies` below the working directory."""
     for folder in (CLONE, Path.cwd() / "studies"):
         studies = {file.parent.name: file.parent for file in sorted(folder.glob("*/__init__.py"))}
         if studies:
@@ -283,7 +284,7 @@ def find_studies() -> dict[str, Path]:
 
 
 def find_study(study: str) -> Path:
-    """Return the folder of a study, given by name or by folder."""
+    """Return the folder of a study. study: name or folder of the study."""
     folder, studies = Path(study), find_studies()
     if study in studies:
         return studies[study]
@@ -314,7 +315,7 @@ def read_study_title(folder: Path) -> str:
 
 
 def list_groups(study: str, only: Iterable[str] = ()) -> list[StudyGroup]:
-    """Return the groups of a study in the order of the publication. only: names of groups; by default all."""
+    """Return the groups of a study in the order of the publication. only: names of groups; if empty, all groups."""
     files = sorted(find_study(study).glob("*.py"))
     groups = sorted((g for g in map(_read_group, files) if g is not None), key=_sort_key)
     names, chosen = [g.name for g in groups], list(only)
@@ -343,7 +344,7 @@ def _read_section(node: ast.stmt) -> str:
 
 
 def _sort_key(group: StudyGroup) -> tuple[list[float], str]:
-    """Return a sort key from the numbers of the section or equation; a group without numbers comes last."""
+    """Return a sort key from the numbers of a group's section or equation. A group without numbers is sorted last."""
     return [float(n) for n in re.findall(r"\d+", group.section)] or [math.inf], group.name
 
 

@@ -16,7 +16,7 @@ At = Mapping[str, float | str]
 
 @explain_call()
 def trim(vehicle: str | Scenario, at: At | None = None, *, settings: Mapping[str, str] | None = None) -> Trim:
-    """Return a trim: states and inputs at which a vehicle stays in equilibrium.
+    """Return a trim: states and inputs at which a vehicle is in equilibrium.
 
     >>> from trimtab import trim
     >>> point = trim("hovercraft/forward", {"surge_velocity": "3.6 km/h", "yaw_rate": 0})
@@ -26,12 +26,12 @@ def trim(vehicle: str | Scenario, at: At | None = None, *, settings: Mapping[str
     Args:
         vehicle: a scenario, or the name of a scenario or of a model, or ``file.py:function``.
         at: name of a state, input or output -> number in the vehicle's unit, text with a unit, "free", "fixed" or
-            "LOW..HIGH". A name with ' is the time derivative: {"yaw'": 0.3}. The same values can follow
-            ``trimtab trim --at``.
-        settings: path -> value, in the notation of ``--set``. They require a vehicle given by name.
+            "LOW..HIGH". A name with ' is the time derivative: {"yaw'": 0.3}. ``trimtab trim --at``
+            accepts the same values.
+        settings: path -> value, as for ``--set``. Settings are only valid for a vehicle given by name.
 
-    Raises: InputError for an unknown name. If no trim exists, no error is raised; the result's field `why` contains the
-        reasons.
+    Raises: InputError for an unknown name. If no trim exists, no error is raised, but the field `why` of the result
+        contains the reasons.
     """
     return find_point(_find_plant(vehicle, settings), _words(at))
 
@@ -46,7 +46,7 @@ def linearise(
     outputs: Iterable[str] = (),
     settings: Mapping[str, str] | None = None,
 ) -> LinearModel:
-    """Return the linear model A, B, C, D of a vehicle about a trim. It has signal names and a method `modes()`.
+    """Return the linear model A, B, C, D of a vehicle about a trim, with signal names and a method `modes()`.
 
     >>> from trimtab import linearise
     >>> linear = linearise("hovercraft/forward", {"surge_velocity": "1 m/s"}, states=["surge_velocity", "yaw_rate"])
@@ -55,7 +55,7 @@ def linearise(
 
     Args:
         vehicle, at, settings: as for `trim`.
-        states, inputs, outputs: names to keep in the model; empty for all.
+        states, inputs, outputs: names of the states, inputs and outputs to keep. An empty list keeps all.
 
     Raises: InputError with the reasons if no trim is found.
     """
@@ -69,8 +69,8 @@ def _find_plant(vehicle: Any, settings: Mapping[str, str] | None) -> Plant:
         neutral = vehicle.world.actuators.neutral().u
         return plant_of_vehicle(vehicle.name, vehicle.world.vehicle, vehicle.initial, neutral)
     if not isinstance(vehicle, str):
-        problem = f"must be a scenario or a name, got a {type(vehicle).__name__}"
-        raise InputError("vehicle", problem, fix='give a Scenario, or a name as "hovercraft/forward"')
+        problem = f"must be a Scenario or the name of a scenario or model, got a {type(vehicle).__name__}"
+        raise InputError("vehicle", problem, fix='pass a Scenario, or a name, e.g. "hovercraft/forward"')
     return load_plant(vehicle, settings)
 
 

@@ -146,7 +146,7 @@ NAMED = {
     "an angle that is off": ("rudder", lambda x: put(x, 8, 1, "12"), "left out: line 8, column 'angle'"),
     "a force that is off": ("thrust", lambda x: put(x, 8, 2, "3"), "left out: line 8, column 'force'"),
     "a slope that is off": ("inertia", lambda x: put(x, 8, 2, "9"), "left out: line 8, column 'slope'"),
-    "one rudder angle": ("thrust", lambda x: x[:9], "the rudder was only at -40°"),
+    "one rudder angle": ("thrust", lambda x: x[:9], "the data has only rudder angles of -40°"),
     "a packet that took long": ("link", lambda x: put(x, 8, 1, "3.6"), "sent at 0.6 s took 3.6 s"),
 }
 

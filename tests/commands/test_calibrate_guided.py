@@ -29,7 +29,7 @@ def test_it_checks_saves_and_goes_on(tmp_path: Path) -> None:
 def test_what_falls_where_it_should_rise_is_asked_again(tmp_path: Path) -> None:
     file = tmp_path / "reverse.csv"
     shown = walk(file, "reverse", "0.4", "0.30", "0.5", "0.05", "n", "0.5", "0.35", "q")
-    assert "far from the entries at neighbouring settings" in shown
+    assert "far from the readings at neighbouring settings" in shown
     assert file.read_text().splitlines()[-1] == "7000,0.5,0.35,1"
 
 

@@ -63,7 +63,7 @@ def test_refusals():
         ((CART, "--limit", "force=5"), "add --lqr"),
         ((CART, "--lqr", "--method", "lmi", *WORDS), "leave --method out"),
         ((CART, "--lqr", "--limit", "force"), "NAME=VALUE"),
-        (("--lqr",), "no vehicle"),
+        (("--lqr",), "VEHICLE is missing"),
         ((CART, "--lqr", *WORDS, "--assume", "bib=1"), "bob"),
     ):
         done = call(*words)

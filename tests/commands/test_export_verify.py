@@ -53,7 +53,7 @@ def test_what_says_how_to_write_is_refused(more, folder):
     done = call("--verify", folder, *more)
     assert done.exit_code != 0
     word = "a scenario" if more[0] == NAME else more[0]
-    assert f"{word} applies to writing" in (done.output + str(done.exception))
+    assert f"{word} is only for writing" in (done.output + str(done.exception))
 
 
 def test_a_folder_that_is_for_no_board_is_refused_on_one(folder, tmp_path):

@@ -66,14 +66,14 @@ def test_axes_from_text():
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"x": "delay"}, "not a name and range"),
+        ({"x": "delay"}, "not of the form NAME=LOW:HIGH"),
         ({"x": "delay=0:fast"}, "not a range of numbers"),
-        ({"x": "delay=0.6:0"}, "the range must rise"),
+        ({"x": "delay=0.6:0"}, "LOW must be below HIGH"),
         ({"x": "delay=-1:0.6"}, "delay must be at least 0 s, got -1:0.6"),
         ({"x": "downlink-jitter=-1:0.6"}, "downlink-jitter must be at least 0 s"),
         ({"y": "loss=0:1.9"}, "loss must be between 0 and 1"),
         ({"x": "world.vehicle.mass=-1:3"}, "--x world.vehicle.mass: -1.0 kg is out of range"),
-        ({"x": "delay=0%:50%"}, "does not take a percentage"),
+        ({"x": "delay=0%:50%"}, "cannot be given in per cent"),
         ({"x": "lag=0:1"}, "downlink-jitter"),
         ({"x": "autopilot.law.k9=1:2"}, "autopilot.law.k2"),
         ({"y": "delay=0:0.3"}, "must differ from --x"),

@@ -125,7 +125,7 @@ def test_the_loop_of_the_cart(tmp_path):
     assert found["is_stable"]
     assert found["delay"] == pytest.approx(0.04)
     text = call("linearise", CART, "--closed-loop").output
-    assert "delay of the command: 40 ms more is stable, 45 ms is not" in text
+    assert "additional delay: stable with 40 ms, unstable with 45 ms" in text
     assert "force alone: gain crosses 1 at" in text
     grown = call("linearise", CART, "--closed-loop", "--set", "autopilot.law.K=[[1,1,1,1]]", "--settle", "0.05")
     assert "NOT stable" in grown.output or "does not come to rest" in grown.output

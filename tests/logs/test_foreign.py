@@ -71,7 +71,7 @@ def test_a_foreign_log_without_a_mapping_is_listed(ulog):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ((), "none is given"),
+        ((), "one must be given"),
         (("--scenario", "navigation/platform-encoder"), "no samples of 'heading'"),
         (("--scenario", "hovercraft/forward", "--with", "law=x"), "cannot be combined with --map"),
         (("--estimator", "a:b", "--set", "navigation=ins"), "needs a scenario"),

@@ -1,1 +1,1 @@
-"""Verbs (subcommands) of the command line, one module each. A module is imported only when its verb runs."""
+"""Subcommands of the command line, one module for each subcommand. A module is imported only when it is needed."""

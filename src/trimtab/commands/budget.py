@@ -1,4 +1,4 @@
-"""`trimtab budget`: cost of each imperfection of a scenario."""
+"""`trimtab budget`: error budget, the part of the flight's errors that each imperfection of a scenario causes."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -32,7 +32,7 @@ from trimtab.scenarios.build import build
 )
 @RUNS(20, "Number of flights for each combination of imperfections.")
 @SEED
-@PLOT("Draw the cost of each imperfection to this picture.")
+@PLOT("Draw the errors caused by each imperfection to this picture file.")
 @JSON
 def command(
     scenario: str,
@@ -45,7 +45,7 @@ def command(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Compute the cost of each imperfection of a scenario.
+    """Compute the errors that each imperfection of a scenario causes.
 
     Flies the same flights with all imperfections, with all except one, with only one, and with none. Reports the
     deviation from the targets and the navigation error in the second half of the flight. With --navigation ins there
@@ -100,7 +100,7 @@ def _budget_json(budget: ErrorBudget) -> dict[str, Any]:
 
 
 def _print_budget(title: str, budget: ErrorBudget) -> None:
-    """Print the rms errors with each imperfection alone, and the share of each in the mean square errors."""
+    """Print the rms errors caused by each imperfection alone, and its share in the mean square errors."""
     measures = list(budget.units)
     first, names = "imperfection", {m: m.replace("_", " ") for m in measures}
     headings = [f">{name} ({budget.units[m]})" for m, name in names.items()]
@@ -115,7 +115,7 @@ def _print_budget(title: str, budget: ErrorBudget) -> None:
     for cost in budget.costs:
         table.add_row(cost.name, *(f"{100 * cost_share(budget, cost, m):.1f} %" for m in measures))
     print_table(table)
-    click.echo("± one standard error; shares need not add up to 100 % (docs, Error budget)")
+    click.echo("±: one standard error. The shares need not add up to 100 % (docs, Error budget)")
 
 
 def _format_rms(value: float, error: float) -> str:

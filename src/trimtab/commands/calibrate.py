@@ -11,7 +11,7 @@ from trimtab.commands.calibrate_noise import calibrate_noise
 
 @click.group()
 def command() -> None:
-    """Calibrate the parameters of a loop from measured data, with their uncertainty.
+    """Calibrate parameters of a control loop from measured data, with uncertainties.
 
     Each procedure reads a CSV file with units in its headings, and adds its results to a calibration file. Commands
     that simulate, analyse or fly a scenario use this file with --calibration.
@@ -23,12 +23,12 @@ def command() -> None:
     trimtab calibrate reverse reverse.csv --out boat.toml    ratio of reverse to forward thrust
     trimtab calibrate inertia spin-up.csv --force '1.1 N' --rudder '-20 deg' --out boat.toml
     trimtab calibrate friction coast.csv --out boat.toml     friction, from coast-downs
-    trimtab calibrate gyro sweep.csv --out boat.toml         gyro dynamics, and their inverse
+    trimtab calibrate gyro sweep.csv --out boat.toml         gyro dynamics and inverse dynamics
     trimtab calibrate link up.csv --way up --out boat.toml   link delays, recorded by trimtab link-test
     trimtab calibrate noise still.csv --out boat.toml        noise of a sensor at rest; Q and R of a filter
     trimtab calibrate measure thrust thrust.csv              guided measurement; saves each value
     trimtab calibrate simulate bench                         simulated data of all procedures, for practice
-    trimtab calibrate show boat.toml                         parameters in the file, with their sources
+    trimtab calibrate show boat.toml                         parameters in the file, with sources
     trimtab calibrate compare old.toml boat.toml --scenario hovercraft/forward
     trimtab run hovercraft/forward --calibration boat.toml
     """

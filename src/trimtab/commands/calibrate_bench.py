@@ -30,15 +30,15 @@ from trimtab.vehicles.hovercraft import Friction, Hovercraft
 
 SLIP = {"torque": float(Friction().slip_rate), "force": float(Friction().slip_speed)}
 ASSUMED = (Hovercraft(), RudderGeometry(), Thruster())
-"""Craft, rudder and thruster of the thesis: defaults for parameters that no option and no calibration file gives."""
+"""Hovercraft, rudder and thruster of the thesis, used for each parameter that no option and no file sets."""
 
 DATA = click.argument("data", type=FILE)
-ADD = OUT("FILE.toml", "Write the parameters to this calibration file. Its other parameters are kept.")
-DRAW = PLOT("Draw the fit and its residuals to this picture.")
+ADD = OUT("FILE.toml", "Write the parameters to this calibration file. Other parameters in the file are kept.")
+DRAW = PLOT("Draw the fit and the residuals to this picture file.")
 
 
 def parse_amount(context: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
-    """Parse a number with its unit, e.g. '1.1 N', and return it in SI. The option's name determines the quantity."""
+    """Parse a number with its unit, e.g. '1.1 N', and return the SI value. The option's name sets the quantity."""
     if text is None:
         return None
     kept = AMOUNTS[str(parameter.name)]
@@ -65,8 +65,8 @@ AMOUNTS = {"force": "N", "rudder": "rad", "arm": "m", "mass": "kg", "division": 
 def calibrate_rudder(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
     """Calibrate the servo: DATA has columns pulse [us] and angle [deg].
 
-    Measure at pulses of 1.00, 1.05 … 2.00 ms in rising order, then in falling order. A column way (1: rising, -1:
-    falling) gives the direction, so that the play of the linkage is identified and does not count as scatter.
+    Measure at pulses of 1.00, 1.05 … 2.00 ms in rising order, then in falling order. An optional column way
+    (1: rising, -1: falling) states the direction, so that the play of the linkage is not taken for scatter.
     """
     rows = read_measurements(data, rudder.SERVO_COLUMNS)
     servo = rudder.fit_servo(rows)
@@ -89,8 +89,8 @@ def calibrate_rudder(data: Path, out: Path | None, plot: Path | None, as_json: b
 def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
     """Calibrate the force direction: DATA has columns rudder [deg] and hull [deg].
 
-    Tie the craft to a string, and let it pull. Column hull is the angle from the nose to the string, which is the
-    angle of the force.
+    Tie the craft to a fixed point with a string, and turn the fan on. Column hull is the angle from the nose to the
+    string, which is the angle of the force.
     """
     rows = read_measurements(data, rudder.HULL_COLUMNS)
     hull = rudder.fit_hull_angle(rows)
@@ -101,7 +101,7 @@ def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: boo
     )
     curve = curve._replace(band=_band(A, hull.fit) / DEG)
     note = f"correlation {hull.correlation:.4f}"
-    panel = FitPanel("Rudder angle over force angle", "force angle (°)", "rudder angle (°)", [curve], note)
+    panel = FitPanel("Rudder angle against force angle", "force angle (°)", "rudder angle (°)", [curve], note)
     finish_calibration(
         "hull", rudder.hull_calibration(rows, hull), _report(rows, hull.fit, "rudder", panel), out, plot, as_json
     )
@@ -115,7 +115,7 @@ def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: boo
 def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
     """Calibrate the fan's thrust: DATA has columns rudder [deg], speed [rpm] and force [N] (or gf, ozf).
 
-    The rudder angle of full thrust is read from the calibration in --out, if `trimtab calibrate hull` wrote it there.
+    The rudder angle of the largest thrust is read from the file in --out, if `trimtab calibrate hull` wrote it there.
     """
     rows = read_measurements(data, thrust.THRUST_COLUMNS)
     offset = _find_number(out, "Thruster.offset")
@@ -125,12 +125,12 @@ def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: b
     if len(fit.angles) < 3:
         angles = ", ".join(f"{a / DEG:.0f}°" for a in fit.angles)
         text = (
-            f"the rudder was only at {angles}: the loss of thrust at other angles is taken from the formula, untested"
+            f"the data has only rudder angles of {angles}; at others the thrust loss is that of the formula, untested"
         )
         report = report._replace(notes=(*report.notes, text))
     if not fit.follows_formula():
-        text = f"thrust does not fall with the rudder as cos(theta - offset) (p = {fit.chance:.1e}):"
-        report = report._replace(notes=(*report.notes, f"{text} tables of the measured values are used"))
+        text = f"thrust does not follow cos(rudder angle - offset) (p-value {fit.chance:.1e});"
+        report = report._replace(notes=(*report.notes, f"{text} the calibration has measured tables instead"))
     finish_calibration("thrust", thrust.thrust_calibration(rows, fit), report, out, plot, as_json)
 
 
@@ -185,7 +185,7 @@ def calibrate_inertia(
     """Calibrate the moment of inertia: DATA is a table of spin-ups, or with --force and --rudder the log of a spin-up.
 
     A table has columns rudder [deg], force [N] and slope [rad/s^2]. The log of a spin-up has columns time [s] and
-    yaw_rate [deg/s]. It begins before the craft is released. The linear rise of the yaw rate is found automatically.
+    yaw_rate [deg/s], and begins before the craft is released. The linear rise of the yaw rate is found automatically.
     """
     geometry = _find_geometry(out, arm)
     if (force is None) != (rudder is None):
@@ -271,12 +271,12 @@ def calibrate_gyro(data: Path, out: Path | None, plot: Path | None, as_json: boo
     back = fit.inverse(rows["gyro"])
     late = np.concatenate([rows["reference"][:1].repeat(fit.delay), rows["reference"][: len(rows) - fit.delay]])
     inverse = FitCurve(t, late, back, good, t, back)
-    note = f"delay {fit.delay} samples, rms {fit.deviation:.2g} rad/s"
+    note = f"delay {fit.delay} samples, rms error {fit.deviation:.2g} rad/s"
     panels = (
         FitPanel("Gyro and its model", "time (s)", "rate (rad/s)", [curve], note),
         FitPanel("Reference, and output of the inverse model", "time (s)", "rate (rad/s)", [inverse]),
     )
-    notes = (f"{note}; static gain {fit.gain():.4f}; valid up to {fit.highest:.3g} Hz, the end of the sweep",)
+    notes = (f"{note}; static gain {fit.gain():.4f}; valid up to {fit.highest:.3g} Hz, where the sweep ends",)
     report = CalibrationReport(rows.file, len(rows), (), panels, notes)
     finish_calibration("gyro", gyro_response.gyro_calibration(rows, fit), report, out, plot, as_json)
 
@@ -293,7 +293,7 @@ PROCEDURES = (
 
 
 def _find_number(out: Path | None, name: str) -> float:
-    """Return the value of a parameter from the calibration file of --out, or the thesis's value if it is missing."""
+    """Return a parameter's value from the calibration file of --out. A missing parameter has the thesis's value."""
     if out is not None and out.exists():
         entries = read_calibration(out).entries
         if name in entries:
@@ -309,7 +309,7 @@ def _find_error(out: Path | None, name: str) -> float:
 
 
 def _find_geometry(out: Path | None, arm: float | None) -> spin_up.ForceGeometry:
-    """Return the geometry of the thrust force, with the covariance of its ratio and offset."""
+    """Return the direction of the thrust at each rudder angle, with the covariance of the rudder's ratio and offset."""
     names = ("RudderGeometry.ratio", "RudderGeometry.offset")
     known = read_calibration(out) if out is not None and out.exists() else Calibration({})
     covariance = joint_covariance(known, names) if names[0] in known.entries else np.zeros((2, 2))
@@ -322,7 +322,7 @@ def _report(rows: Measurements, fit: LinearFit, column: str, *panels: FitPanel) 
 
 
 def _describe_outliers(rows: Measurements, fit: LinearFit, column: str, rest: Any) -> tuple[str, ...]:
-    """Describe each rejected reading with its line, column, value and deviation from the fit."""
+    """Describe each rejected reading: file line, column, value and deviation from the fit."""
     return tuple(
         f"line {rows.lines[i]}, column {column!r}: {rows[column][i]:.6g} deviates by {abs(rest[i]):.3g} from the fit"
         for i in np.flatnonzero(~fit.kept)
@@ -334,7 +334,7 @@ def _curve(x: Any, y: Any, fit: LinearFit, line: tuple[Any, Any], scale: float) 
 
 
 def _band(A: Any, fit: LinearFit) -> Any:
-    """Return half the width of the 95 % confidence interval of the fitted value at each row of A."""
+    """Return half the width of the 95 % confidence interval of each fitted value, one for each matrix row of A."""
     P = fit.covariance[: A.shape[1], : A.shape[1]]
     return student_reach(fit.freedom) * np.sqrt(np.einsum("ij,jk,ik->i", A, P, A))
 

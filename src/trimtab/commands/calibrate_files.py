@@ -40,7 +40,8 @@ SHOWN = 12
 class CalibrationReport(NamedTuple):
     """Report of a calibration procedure.
 
-    readings: number of measured readings.  left_out: descriptions of rejected readings.  panels: plots of the fit.
+    file: name of the data file.  readings: number of measured readings.  left_out: descriptions of rejected readings.
+    panels: plots of the fit.
     notes: remarks for the user.
     """
 
@@ -59,7 +60,7 @@ def finish_calibration(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Print the results of a calibration procedure, add them to the calibration file, and draw the fit."""
+    """Print the results of a calibration procedure, add the results to the calibration file, and draw the fit."""
     check_picture(plot, None)
     whole, files = add_to_file(out, calibration)
     files += draw_plot(plot, plot_fits, report.panels, title=f"calibrate {procedure}: {report.file}")
@@ -80,7 +81,7 @@ def finish_calibration(
         click.echo(show_controls(f"note: {note}"))
     print_files(files)
     if out is not None:
-        click.echo(f"calibration {whole.content_hash()[:12]}; use it: trimtab run SCENARIO --calibration {out}")
+        click.echo(f"calibration {whole.content_hash()[:12]}; to use it: trimtab run SCENARIO --calibration {out}")
 
 
 def add_to_file(out: Path | None, calibration: Calibration) -> tuple[Calibration, list[Path]]:
@@ -93,7 +94,7 @@ def add_to_file(out: Path | None, calibration: Calibration) -> tuple[Calibration
 
 
 def check_calibration_file(out: Path | None) -> None:
-    """Raise InputError if the file name does not end in .toml, or if writing would lose text of the user."""
+    """Raise InputError if the file name does not end in .toml, or if writing would delete text that the user wrote."""
     if out is not None:
         if out.suffix != ".toml":
             raise InputError(
@@ -105,7 +106,7 @@ def check_calibration_file(out: Path | None) -> None:
 
 
 def print_entries(title: str, calibration: Calibration) -> None:
-    """Print each parameter of a calibration with its 95 % interval, unit and source."""
+    """Print each parameter of a calibration: value, 95 % interval, unit and source."""
     table = new_table("parameter", ">value", ">95 % interval", "unit", "source", title=title, unwrapped=("parameter",))
     flat, more = flat_entries(calibration), dict[str, int]()
     for name, (value, error, freedom) in flat.items():
@@ -120,7 +121,7 @@ def print_entries(title: str, calibration: Calibration) -> None:
         interval = f"{value - reach:.{digits}g} … {value + reach:.{digits}g}" if reach > 0 else "-"
         table.add_row(name.replace("[", r"\["), f"{value:.{digits}g}", interval, entry.unit, entry.source)
     for base, count in more.items():
-        table.add_row(f"{base} …", "", "", "", f"{count - 3} more in the file")
+        table.add_row(f"{base} …", "", "", "", f"{count - 3} more elements in the file")
     print_table(table)
 
 
@@ -128,7 +129,7 @@ def print_entries(title: str, calibration: Calibration) -> None:
 @click.argument("file", type=FILE)
 @JSON
 def show(file: Path, as_json: bool) -> None:
-    """Show the parameters in a calibration file, with their intervals and sources."""
+    """Show the parameters in a calibration file, with 95 % intervals and sources."""
     calibration = read_calibration(file)
     if as_json:
         print_json({"sha256": calibration.content_hash(), "entries": entries_json(calibration)})
@@ -145,7 +146,7 @@ def show(file: Path, as_json: bool) -> None:
 @SEED
 @JSON
 def compare(a: Path, b: Path, scenario: str | None, seed: int, as_json: bool) -> None:
-    """Show the differences between two calibration files, and their effect on the flight of a scenario."""
+    """Show the differences between two calibration files, and how the differences change the flight of a scenario."""
     one, two = read_calibration(a), read_calibration(b)
     changes = compare_calibrations(one, two)
     flown = {} if scenario is None else _fly_both(scenario, a, b, seed)
@@ -208,7 +209,7 @@ def _same(x: float | None, y: float | None) -> bool:
 
 
 def _fly_both(name: str, a: Path, b: Path, seed: int) -> dict[str, dict[str, list[float | None]]]:
-    """Fly a scenario with calibrations a and b; return signal -> metric -> the two values."""
+    """Fly a scenario with calibration a and with b. Return signal -> metric -> values in the two flights."""
     from trimtab.run.simulate import simulate
     from trimtab.scenarios.build import build
 

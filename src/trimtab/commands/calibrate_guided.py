@@ -1,4 +1,4 @@
-"""`trimtab calibrate measure`: guide the user through a procedure, check each entry, and save it."""
+"""`trimtab calibrate measure`: guide the user through a measurement. Each reading is checked and saved."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -16,15 +16,16 @@ from trimtab.logs.measurements import TRIAL as TRIAL_COLUMN
 from trimtab.logs.measurements import MeasuredColumn, read_measurements
 
 FAR = 0.25
-"""Deviation of an entry, as a fraction of the largest entry, above which the user must confirm the entry."""
+"""Deviation of a reading, as a fraction of the largest reading, above which the user must confirm the reading."""
 
 
 class GuidedProcedure(NamedTuple):
     """Procedure of a guided measurement.
 
     columns: columns of the file, in the order in which the user is asked.  given: number of leading columns whose
-    values the plan sets.  plan: these values and the trial number, for each measurement.
-    before: preparations, one step on each line.  rises: two columns, of which the second increases with the first.
+    values the plan sets.  plan: for each measurement, the values of these columns and the trial number.
+    before: instructions to show before the first measurement.  rises: names of two columns. The second must increase
+    with the first.
     """
 
     columns: tuple[MeasuredColumn, ...]
@@ -44,7 +45,7 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
         (*rudder.SERVO_COLUMNS[:1], rudder.WAY, rudder.SERVO_COLUMNS[1]),
         2,
         _servo_plan(),
-        ("Fan off, servo on. Lay the protractor's zero on the hull's x axis; clockwise from above is positive.",),
+        ("Fan off, servo on. Align the protractor's zero with the hull's x axis; clockwise from above is positive.",),
         ("pulse", "angle"),
     ),
     "hull": GuidedProcedure(
@@ -52,9 +53,9 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
         1,
         [(theta, trial) for trial in (1, 2) for theta in range(-30, 31, 5)],
         (
-            "Tie a string to the pivot at the tail and to a fixed object; fan on, at moderate speed.",
-            "When the hull is at rest, read the angle from its x axis to the string's line; clockwise is positive.",
-            "In the first round push the hull a little to starboard first (way 1), in the second to port (way -1).",
+            "Tie the rudder pivot at the tail to a fixed object with a string. Turn the fan on, at moderate speed.",
+            "When the hull is at rest, read the angle from the hull's x axis to the string; clockwise is positive.",
+            "Before each reading push the hull a little: in round 1 to starboard (way 1), in round 2 to port (way -1).",
         ),
     ),
     "thrust": GuidedProcedure(
@@ -62,7 +63,7 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
         1,
         [(theta, trial) for trial in range(1, 7) for theta in range(-30, 31, 10)],
         (
-            "Gauge between string and hull, lift on, battery full. Six rounds: about 6, 7.5, 9, 10, 11 and 12 krpm.",
+            "Force gauge between string and hull, lift on, battery full. Six rounds: 6, 7.5, 9, 10, 11 and 12 krpm.",
             "Set the rudder, wait until the hull is at rest, then read speed and force at the same time.",
         ),
         ("speed", "force"),
@@ -71,7 +72,7 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
         thrust.REVERSE_COLUMNS,
         1,
         [(n, trial) for trial in (1, 2) for n in range(6000, 12001, 1000)],
-        ("Rudder straight. At each speed read the force forward, then in reverse, both as positive numbers.",),
+        ("Rudder straight. At each speed read the forward force, then the reverse force, both positive.",),
         ("speed", "reverse"),
     ),
     "inertia": GuidedProcedure(
@@ -79,7 +80,7 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
         1,
         [(-20 if trial % 2 else 25, trial) for trial in range(1, 7)],
         (
-            "Lift on, fan at more than 1 N, rudder deflected; hold the hull, start the log, release the hull.",
+            "Lift fan on, thrust above 1 N, rudder deflected. Hold the hull, start the log, then release the hull.",
             "The slope is the rise of the yaw rate per second just after the release; clockwise is positive.",
         ),
     ),
@@ -90,7 +91,7 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
 @click.argument("procedure", type=click.Choice(tuple(PROCEDURES)))
 @click.argument("file", type=FILE)
 def measure(procedure: str, file: Path) -> None:
-    """Guide a series of measurements: each is saved in FILE, and the next call continues where the last one stopped.
+    """Guide a series of measurements. Each is saved in FILE, so that the next call continues where this call stopped.
 
     Type a number, u to undo the last measurement, or q to stop.
 
@@ -130,14 +131,14 @@ def _read_lines(file: Path, heading: str, columns: Sequence[MeasuredColumn]) -> 
     lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
     if lines[:1] != [heading]:
         problem = f"{str(file)!r} exists, but its first line is not {heading}"
-        raise InputError("FILE", problem, fix="name a new file, or a file that this procedure wrote")
+        raise InputError("FILE", problem, fix="name a new file, or a file that this procedure has written")
     if len(lines) > 1:
         read_measurements(file, [c._replace(most=0.0) for c in columns])
     return lines[1:]
 
 
 def _ask_row(guide: GuidedProcedure, setting: tuple[float, ...], number: int, lines: Sequence[str]) -> str:
-    """Ask for the next measurement; return its line for the file, or "u" (undo) or "q" (quit)."""
+    """Ask for the next measurement. Return the text line to write to the file, or "u" (undo) or "q" (quit)."""
     given, trial = setting[:-1], setting[-1]
     names = [
         f"{c.name} {v:g} {c.usual or c.unit}".removesuffix(" 1") for c, v in zip(guide.columns, given, strict=False)
@@ -154,14 +155,14 @@ def _ask_row(guide: GuidedProcedure, setting: tuple[float, ...], number: int, li
         cells.append(cell)
     row = ",".join([*cells, f"{trial:g}"])
     if _stands_out(guide, [*lines, row]) and not click.confirm(
-        "  far from the entries at neighbouring settings; is this entry correct?", default=False
+        "  this reading is far from the readings at neighbouring settings; is it correct?", default=False
     ):
         return _ask_row(guide, setting, number, lines)
     return row
 
 
 def _ask_number(column: MeasuredColumn) -> str:
-    """Ask for a number within the column's range, in the usual unit; return its text, or "u" (undo) or "q" (quit)."""
+    """Ask for a number in the column's usual unit and range. Return the number's text, or "u" (undo) or "q" (quit)."""
     unit = column.usual or column.unit
     factor = UNITS[column.unit][unit]
     while True:
@@ -182,7 +183,7 @@ def _ask_number(column: MeasuredColumn) -> str:
 
 
 def _stands_out(guide: GuidedProcedure, lines: Sequence[str]) -> bool:
-    """Return True if the last entry and another entry of the same round are far from the order required by `rises`."""
+    """Return True if the last reading and another one of the same round strongly violate the order set by `rises`."""
     if guide.rises is None:
         return False
     names = [c.name for c in guide.columns]

@@ -28,13 +28,13 @@ FAR = 10.0
 @click.command(name="link")
 @DATA
 @click.option(
-    "--way", type=click.Choice(("up", "down")), required=True, help="Direction: up to the vehicle, or down from it."
+    "--way", type=click.Choice(("up", "down")), required=True, help="Direction: up (to vehicle) or down (from vehicle)."
 )
 @ADD
 @DRAW
 @JSON
 def calibrate_link(data: Path, way: str, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Calibrate the delays of a link: DATA is a recording of `trimtab link-test --out` (sent_s, latency_s)."""
+    """Calibrate the delays of a radio link: DATA is a recording of `trimtab link-test --out` (sent_s, latency_s)."""
     trace = read_trace(data)
     notes = _check_trace(f"file {data.name!r}", trace)
     model = fit_delay_model(trace)
@@ -45,7 +45,7 @@ def calibrate_link(data: Path, way: str, out: Path | None, plot: Path | None, as
     fitted = np.interp(ndtri(share), normal_scores(), table)
     curve = FitCurve(100 * share, 1e3 * received, 1e3 * fitted, np.ones(n, bool), 100 * share, 1e3 * fitted)
     panel = FitPanel(f"{way}link", "share of packets (%)", "latency (ms)", [curve], f"{100 * model.loss:.2g} % lost")
-    notes = (*notes, "use this table in a scenario with --set links=measured, if the scenario has that choice")
+    notes = (*notes, "to use this table in a scenario, add --set links=measured if the scenario has this choice")
     report = CalibrationReport(data.name, len(trace.lost), (), (panel,), notes)
     finish_calibration("link", calibration, report, out, plot, as_json)
 
@@ -70,14 +70,15 @@ def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
     k = int(wild[np.argmax(trace.latency_s[wild])])
     calm = np.delete(trace.latency_s, wild)[~np.delete(trace.lost, wild)]
     text = (
-        f"the packet sent at {trace.sent_s[k]:.6g} s took {trace.latency_s[k]:.3g} s; 99 % took at most {most:.2g} s."
+        f"the packet sent at {trace.sent_s[k]:.6g} s took {trace.latency_s[k]:.3g} s;"
+        f" 99 % of the packets took at most {most:.2g} s."
     )
-    text += f" {len(wild)} such packets make the deviation {np.std(received):.2g} s instead of {np.std(calm):.2g} s."
-    return (f"{text} Remove their lines from the file if these delays are not real",)
+    text += f" {len(wild)} such packets raise the deviation to {np.std(received):.2g} s, from {np.std(calm):.2g} s."
+    return (f"{text} Remove the lines of these packets from the file if the delays are not real",)
 
 
 def _calibrate_link(file: str, way: str, trace: Trace, model: DelayModel) -> Calibration:
-    """Return a calibration with the latency table of a link, its parameters with their errors, and the packet loss."""
+    """Return a calibration with a link's latency table, delay parameters with standard errors, and packet loss."""
     received = trace.latency_s[~trace.lost]
     n, packets, spread = len(received), len(trace.lost), max(float(np.std(received)), 1e-300)
     about: dict[str, Any] = {"source": f"{file}: {packets} packets", "procedure": f"{way}link"}

@@ -33,7 +33,7 @@ from trimtab.loop.calibration import Calibration
 from trimtab.plots.allan import plot_allan
 
 AT_REST = 1e-6
-"""Speed (m/s) or rate (rad/s) in a simulated log's truth above which the vehicle counts as moving."""
+"""True speed (m/s) or angular rate (rad/s) in a simulated log above which the vehicle counts as moving."""
 SAMPLES_MIN = 1024
 """Minimum number of samples from which the Allan deviation of an axis is computed."""
 
@@ -43,7 +43,8 @@ class SensorAxis(NamedTuple):
 
     unit: SI unit.  fit: fit of the Allan deviation.  noise: noise parameters of a filter.
     samples, duration: length of the log in samples and in s.
-    place: "gyro" or "accelerometer", and 0, 1 or 2 for x, y, z; None for another sensor, or if the name is unclear.
+    place: "gyro" or "accelerometer", and axis 0, 1 or 2 (x, y, z). None for another sensor, or if the name does not
+    tell the axis.
     """
 
     unit: str
@@ -60,12 +61,12 @@ class SensorAxis(NamedTuple):
     "--signal", "signals", multiple=True, metavar="PATH", help="Use only this signal of the log. May be repeated."
 )
 @click.option(
-    "--shortest", metavar="TIME", help="Shortest averaging time to use, e.g. if the sensor filters its output."
+    "--shortest", metavar="TIME", help="Shortest averaging time to use, e.g. longer than the sensor's output filter."
 )
 @click.option("--tick", metavar="TIME", help="Time step of the filter.  [default: period of the sensor]")
 @click.option("--time", metavar="NAME", help="Time column of a CSV file, e.g. 'stamp [us]'.  [default: t, time, …]")
 @PLOT("Draw the Allan deviations to this picture.")
-@OUT("FILE.toml", "Write the parameters to this calibration file. Its other parameters are kept.")
+@OUT("FILE.toml", "Write the parameters to this calibration file. Other parameters in the file are kept.")
 @JSON
 def calibrate_noise(
     log: Path,
@@ -81,7 +82,7 @@ def calibrate_noise(
 
     DATA is a log of `trimtab run … --out`, or a CSV file with a time column and units in its headings. Axes of an
     inertial unit are recognised by unit and name (gyro_z [deg/s], accel_x [g]), and are written as parameters of the
-    sensor and of the filter. --tick is the time step of that filter, which is its setting noise.tick.
+    sensor and of the navigation filter. --tick is the time step of this filter (the filter's setting noise.tick).
 
     \b
     trimtab run navigation/still --out still
@@ -101,7 +102,7 @@ def calibrate_noise(
         notes += tuple(f"left out: {problem}" for problem in _left_out(still).values())
     if out is not None and not calibration.entries:
         problem = f"none of {', '.join(axes)} is an axis of an inertial unit, so there is nothing to write"
-        fix = "name columns with their unit and axis, e.g. gyro_z [rad/s] and accel_x [m/s^2]; or leave --out out"
+        fix = "write unit and axis in the column headings, e.g. gyro_z [rad/s] and accel_x [m/s^2]; or leave --out out"
         raise InputError("--out", problem, fix=fix)
     whole, files = add_to_file(out, calibration)
     fits, units = {n: a.fit for n, a in axes.items()}, {n: a.unit for n, a in axes.items()}
@@ -118,7 +119,7 @@ def calibrate_noise(
         click.echo(show_controls(f"note: {note}"))
     print_files(files)
     if out is not None:
-        click.echo(f"calibration {whole.content_hash()[:12]}; use it: trimtab run SCENARIO --calibration {out}")
+        click.echo(f"calibration {whole.content_hash()[:12]}; to use it: trimtab run SCENARIO --calibration {out}")
 
 
 def _calibrate_units(
@@ -132,7 +133,7 @@ def _calibrate_units(
             if axis.place is not None and axis.place[0] == triad:
                 same = mine.setdefault(axis.place[1], name)
                 if same != name:
-                    problem = f"{same} and {name} are both the {triad}'s {AXES[axis.place[1]]} axis"
+                    problem = f"{same} and {name} both claim to be the {triad}'s {AXES[axis.place[1]]} axis"
                     raise InputError("calibrate noise", problem, fix=f"choose one: --signal {same}")
         if mine:
             fits = {i: axes[name].fit for i, name in sorted(mine.items())}
@@ -147,7 +148,7 @@ def _calibrate_units(
 
 
 def _find_place(path: str, unit: str) -> tuple[str, int] | None:
-    """Return triad and axis of a signal, from its unit and from [0] to [2] or x, y, z at the end of its name."""
+    """Return sensor triad and axis of a signal, from its unit and the end of its name: [0] to [2], or x, y, z."""
     triad = next((n for n, t in TRIADS.items() if t.unit == unit), None)
     match = re.search(r"\[([012])\]$|([xyzXYZ])$", path)
     if triad is None or match is None:
@@ -156,7 +157,7 @@ def _find_place(path: str, unit: str) -> tuple[str, int] | None:
 
 
 def _parse_times(shortest: str | None, tick: str | None) -> tuple[float, float | None]:
-    """Parse the shortest averaging time and the filter's time step; return them in s. Raise InputError if invalid."""
+    """Parse the shortest averaging time and the filter's time step. Return both in s; raise InputError if invalid."""
     least = 0 if shortest is None else parse_time(shortest)
     step = None if tick is None else parse_time(tick)
     if least < 0:
@@ -169,7 +170,7 @@ def _parse_times(shortest: str | None, tick: str | None) -> tuple[float, float |
 
 
 def _refuse_moving(log: Log) -> None:
-    """Raise InputError if the vehicle moves in a simulated log."""
+    """Raise InputError if the true state in a simulated log shows that the vehicle moves."""
     for path in log.paths:
         if path.startswith("truth.") and log.unit(path) in ("m/s", "rad/s") and len(log):
             most = float(np.max(np.abs(log[path])))
@@ -185,13 +186,13 @@ def _chosen_signals(log: Log, names: tuple[str, ...]) -> list[str]:
 
 
 def _read_samples(log: Log, path: str) -> Samples:
-    """Return the samples of a signal, or of its longest stretch without gaps; raise InputError if they are too few."""
+    """Return the samples of a signal's longest stretch without gaps. Raise InputError if the samples are too few."""
     measured = samples(log, path, longest=True)
     if len(measured.ticks) < SAMPLES_MIN:
         seconds = len(measured.ticks) * measured.period
         problem = f"the log is too short: {len(measured.ticks)} samples, {seconds:.3g} s"
         problem += f"; the signal has {measured.left_out}" if measured.left_out else ""
-        fix = f"log at least {SAMPLES_MIN} samples (minutes for the walk K): trimtab run navigation/still --out still"
+        fix = f"log at least {SAMPLES_MIN} samples (minutes for random walk): trimtab run navigation/still --out still"
         raise InputError(f"signal {path!r}", problem, fix=fix)
     return measured
 
@@ -205,7 +206,7 @@ def _iterate_axes(measured: Mapping[str, Samples]) -> Iterator[tuple[str, str, A
 
 
 def _left_out(log: Log) -> dict[str, str]:
-    """Return the columns of a CSV file that were not read: name -> reason."""
+    """Return the columns of a CSV file that were not read, as name -> reason."""
     left = log.metadata.get("left_out", {})
     return dict(left) if isinstance(left, dict) else {}
 
@@ -248,7 +249,7 @@ def _is_noisy(log: Log, path: str) -> bool:
 def _fit_axis(name: str, unit: str, y: Any, dt: float, shortest: float, tick: float | None) -> SensorAxis:
     averages = tuple(m for m in octave_averages(len(y)) if m * dt >= shortest)
     if len(averages) < 4:
-        problem = f"{shortest:g} s leaves only {len(averages)} averaging times of a log of {len(y) * dt:.3g} s"
+        problem = f"{shortest:g} s leaves only {len(averages)} averaging times in a log of {len(y) * dt:.3g} s"
         raise InputError("--shortest", problem, fix="use a shorter averaging time, or a longer log")
     unit, scale = _si_unit(unit)
     y = y * scale
@@ -259,7 +260,7 @@ def _fit_axis(name: str, unit: str, y: Any, dt: float, shortest: float, tick: fl
 
 
 def _si_unit(text: str) -> tuple[str, float]:
-    """Return the SI unit for a unit in a heading, and the conversion factor; keep an unknown unit."""
+    """Return the SI unit for a unit in a heading, and the conversion factor. An unknown unit is returned unchanged."""
     try:
         unit = find_unit("heading", text)
     except InputError:
@@ -280,7 +281,7 @@ def _axis_json(axis: SensorAxis) -> dict[str, Any]:
 
 
 def _print_noise(name: str, axes: Mapping[str, SensorAxis]) -> None:
-    """Print the noise coefficients of each axis with their intervals, and Q and R for a filter."""
+    """Print the noise coefficients of each axis with 95 % intervals, and Q and R for a filter."""
     any_axis = next(iter(axes.values()))
     dt = any_axis.fit.sampling_period
     headings = ("axis", "U", ">white N (U/√Hz)", ">flicker B (U)", ">walk K (U/√s)", ">misfit")
@@ -290,13 +291,13 @@ def _print_noise(name: str, axes: Mapping[str, SensorAxis]) -> None:
         table.add_row(axis.replace("[", r"\["), a.unit, *cells, f"{a.fit.misfit:.2f}")
     print_table(table)
     headings = ("axis", ">R of a sample (U²)", ">Q of the integral (U² s²)", ">Q of the bias (U²)")
-    table = new_table(*headings, title="Noise for a filter that steps with the sensor's period, or with --tick")
+    table = new_table(*headings, title="Noise variances for a filter whose time step is the sensor's period, or --tick")
     for axis, a in axes.items():
         n = a.noise
         cells = (f"{v:.4g}" for v in (n.sample_variance, n.integral_variance, n.bias_variance))
         table.add_row(axis.replace("[", r"\["), *cells)
     print_table(table)
-    click.echo("intervals: 95 %; '<': not detected, upper bound (docs, Noise from a still log)")
+    click.echo("intervals: 95 %. '<': noise not detected; the number is an upper bound (docs, Noise from a still log)")
 
 
 def _format_coefficient(c: Coefficient) -> str:

@@ -91,14 +91,14 @@ def parse_correlations(context: click.Context, parameter: click.Parameter, value
     "--sampling",
     default="random",
     show_default=True,
-    help="Sampling: random, sobol, latin; saltelli or morris for a sensitivity analysis.",
+    help="Sampling of the parameters: random, sobol or latin; saltelli or morris for a sensitivity analysis.",
 )
 @STORE
 @click.option(
     "--rerun",
     type=click.IntRange(0),
     metavar="RUN",
-    help="Repeat the run with this number and compare its results with the store.",
+    help="Repeat the run with this number, and compare the results with those in the store.",
 )
 @FLIGHT
 @WITHOUT
@@ -166,7 +166,7 @@ def command(
     requirements = [parse_requirement(text) for text in require]
     if campaign.plan.sampling in DESIGNS and (requirements or stop):
         problem = f"the runs of a {campaign.plan.sampling} design are not independent"
-        problem += ": they show sensitivities, not a success rate"
+        problem += ": they are for sensitivities, not for a success rate"
         raise InputError("--require, --stop", problem, fix="--sampling random")
     stops_at = _stopping_function(stop, campaign)
     for one in requirements:
@@ -201,12 +201,12 @@ def _expand_calibrations(scenario: str, plan: dict[str, Any]) -> list[str]:
 
 
 def _typed_command() -> str:
-    """Return the command line as the user typed it."""
+    """Return the command line as typed."""
     return shlex.join(["trimtab", *sys.argv[1:]])
 
 
 def drop_option(command: str, option: str) -> str:
-    """Return a command without an option and its value."""
+    """Return a command line with one option and the option's value removed."""
     words = shlex.split(command)
     kept = [
         w for k, w in enumerate(words) if not w.startswith(f"{option}=") and option not in words[max(k - 1, 0) : k + 1]
@@ -256,7 +256,7 @@ def _fly_campaign(campaign: Campaign, store: Path | None, **flight: Any) -> Camp
 
 
 def _announcing(store: Path, runs: int, tell: Callable[[int], None]) -> Callable[[int], None]:
-    """Return a progress function that calls `tell`, and that prints the expected size of a large store once."""
+    """Return a progress function that calls `tell`, and that once prints the expected size of a large store."""
     is_known = False
 
     def tell_size(done: int) -> None:
@@ -305,7 +305,7 @@ def _result_json(
 
 
 def _rerun_row(campaign: Campaign, run: int, store: Path | None, out: Path | None, as_json: bool) -> bool:
-    """Repeat a run and record its whole log; return False if the results differ from those in the store."""
+    """Repeat a run and record all signals. Return False if the results differ from those in the store."""
     scenario = campaign.scenario(run)
     log = campaign.rerun(run)
     row = campaign.row(run, log)
@@ -334,7 +334,7 @@ def _rerun_row(campaign: Campaign, run: int, store: Path | None, out: Path | Non
 
 
 def _differing_columns(store: Path | None, run: int, row: dict[str, Any]) -> list[str] | None:
-    """Return the names of the columns that differ from the stored row; None if the run has no stored row."""
+    """Return the names of the results that differ from the stored results of a run; None if the run is not stored."""
     if store is None:
         return None
     from trimtab.analysis.campaign.store.store import read_store

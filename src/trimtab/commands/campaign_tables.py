@@ -1,4 +1,4 @@
-"""Results of a campaign as tables, JSON numbers and pictures."""
+"""Results of a campaign as tables, JSON data and pictures."""
 
 import re
 from collections.abc import Sequence
@@ -19,10 +19,10 @@ from trimtab.core.quantity import Quantity, leaves
 
 SHOWN_QUANTILES = {"p5": 0.05, "median": 0.5, "p95": 0.95}
 BANDS = ("median", "p95")
-"""Quantiles of a metric that a table shows with their confidence bands."""
+"""Quantiles of a metric that a table shows with confidence bands."""
 SOBOL_COLUMNS = (("total", "total order"), ("first", "first order"))
 MORRIS_COLUMNS = (("mu_star", "mu*"), ("sigma", "sigma"))
-"""Fields of a Sobol or Morris sensitivity analysis, with their table headings."""
+"""Field names of a Sobol or Morris sensitivity analysis, with table headings."""
 TABLE_WIDTH = 105
 """Minimum terminal width (characters) at which the table shows confidence bands."""
 MOST_FAILED_RUNS = 8
@@ -36,7 +36,7 @@ def metric_names(result: CampaignResult) -> list[str]:
 
 
 def summarise_metrics(result: CampaignResult) -> dict[str, dict[str, float]]:
-    """Return metric -> quantiles with their bands, largest value, and number of runs without a finite value."""
+    """Return for each metric: quantiles with confidence bands, maximum, number of runs without a finite value."""
     summary: dict[str, dict[str, float]] = {}
     for name in metric_names(result):
         x = result.columns[name]
@@ -68,7 +68,7 @@ def print_campaign(
         bands = [f"{q[k]:.4g}" + (f" ({q[f'{k}_low']:.4g} to {q[f'{k}_high']:.4g})" if wide else "") for k in BANDS]
         table.add_row(labels[name], f"{q['p5']:.4g}", *bands, f"{q['largest']:.4g}", f"{q['never']:.0f}")
     print_table(table)
-    conditions = [f"{c.metric} {c.compare} {c.bound:g}" for c in campaign.ready.success] or ["the state stays finite"]
+    conditions = [f"{c.metric} {c.compare} {c.bound:g}" for c in campaign.ready.success] or ["state stays finite"]
     if result.plan.sampling in DESIGNS:
         click.echo(f"success: {result.success.successes} of {n} runs of the design, which are not independent")
         print_sensitivity(campaign, result)
@@ -76,9 +76,9 @@ def print_campaign(
         click.echo(f"success: {result.success}, {result.success.successes} of {n}: {' and '.join(conditions)}")
     lost = int(result.columns["lost"].sum())
     if lost:
-        click.echo(f"lost: {lost} runs whose state diverged")
+        click.echo(f"lost: {lost} runs, because the state diverged")
     rate = f"{result.flown_runs / result.wall_s:.0f} runs/s" if result.flown_runs else "all runs were in the store"
-    click.echo(f"flown: {result.flown_runs} in {result.wall_s:.1f} s, {rate}")
+    click.echo(f"flown: {result.flown_runs} runs in {result.wall_s:.1f} s, {rate}")
     for verdict in verdicts:
         click.echo(str(verdict))
     failed = result.columns["run"][~result.columns["success"]]
@@ -106,7 +106,7 @@ def print_sensitivity(campaign: Campaign, result: CampaignResult) -> None:
 
 
 def sensitivities(campaign: Campaign, result: CampaignResult) -> dict[str, Sensitivity | Morris]:
-    """Return the sensitivities of success and of each metric. A metric with infinite values is replaced by ranks."""
+    """Return the sensitivities of success and of each metric. A metric that is not finite is replaced by its ranks."""
     parameters = [f.text for f in campaign.ready.spread.factors]
     matters: dict[str, Any] = {}
     for name in [*metric_names(result), "success"]:

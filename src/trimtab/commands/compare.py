@@ -1,4 +1,4 @@
-"""`trimtab compare`: compare two logs, or a log and its rerun."""
+"""`trimtab compare`: compare two logs, or a log with a rerun of the logged flight."""
 
 import sys
 from pathlib import Path
@@ -36,9 +36,10 @@ AGAIN = "flown again"
 @PLOT("Draw the earliest differing signals to this picture.")
 @JSON
 def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Find the first difference between two logs, or between a log and a rerun of its flight.
+    """Find the first difference between two logs, or between a log and a rerun of the logged flight.
 
-    Compares exactly, at the instants and for the signals that both logs have. Exit code 1 if they differ.
+    Compares all signals that both logs have, at the instants that both logs have, without tolerance. Exit code 1 if
+    they differ.
 
     \b
     trimtab compare before/run.mcap after/run.mcap --plot both.png
@@ -54,7 +55,7 @@ def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> 
         from trimtab.plots.signals import plot_signals
 
         paths = [signal.path for signal in difference.signals[:SHOWN]]
-        title = f"first signal that differs: {paths[0]}"
+        title = f"signal that differs first: {paths[0]}"
         logs = dict(zip(names, (first, second), strict=True))
         files = draw_plot(plot, lambda path: plot_signals(logs, paths, path, title=title))
     summaries = [summarise_run(log, ()) for log in (first, second)]
@@ -67,7 +68,7 @@ def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> 
 
 
 def _fly_again(log: Log) -> Log:
-    """Repeat the run of a log with its scenario, settings, seed and run number."""
+    """Repeat a logged run with the log's scenario, settings, seed and run number."""
     from trimtab.core.record import replace
     from trimtab.core.time import ms, seconds
     from trimtab.run.simulate import simulate
@@ -106,7 +107,7 @@ def _print_difference(names: tuple[str, str], difference: LogDifference, summari
         path = show_controls(first.path)
         values = f"{first.one!r} in {names[0]}, {first.other!r} in {names[1]}"
         click.echo(f"DIFFERENT from {first.first_s:.4f} s on: {path} is {values}")
-        click.echo(f"{len(difference.signals)} numbers differ, out of {of}")
+        click.echo(f"{len(difference.signals)} signals differ, out of {of}")
         table = new_table("signal", ">differs from (s)", ">largest difference", unwrapped=("signal",))
         for signal in difference.signals[:SHOWN]:
             table.add_row(signal.path.replace("[", r"\["), f"{signal.first_s:.4f}", f"{signal.largest:.6g}")
@@ -119,7 +120,7 @@ def _print_difference(names: tuple[str, str], difference: LogDifference, summari
 
 
 def _print_metrics(names: tuple[str, str], summaries: list[dict[str, Any]]) -> None:
-    """Print final value, tail mean and tail rms of the signals that both logs have."""
+    """Print final value, tail mean and tail rms of each signal that both logs have."""
     table = new_table("signal", "log", ">final", ">tail mean", ">tail rms", unwrapped=("signal",))
     for signal in [name for name in summaries[0]["metrics"] if name in summaries[1]["metrics"]]:
         for i, (name, summary) in enumerate(zip(names, summaries, strict=True)):

@@ -1,4 +1,4 @@
-"""`trimtab completion`: shell completion of verbs, options, scenarios and setting paths."""
+"""`trimtab completion`: shell completion of subcommands, options, scenarios and setting paths."""
 
 import click
 from click.shell_completion import get_completion_class
@@ -10,7 +10,7 @@ VARIABLE = "_TRIMTAB_COMPLETE"
 @click.command()
 @click.argument("shell", type=click.Choice(SHELLS))
 def command(shell: str) -> None:
-    """Print a shell's completion script, for verbs, options, scenarios and paths of settings.
+    """Print the shell script that completes subcommands, options, scenarios and paths of settings.
 
     \b
     trimtab completion bash >> ~/.bashrc

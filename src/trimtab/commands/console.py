@@ -1,4 +1,4 @@
-"""`trimtab console`: a pilot's page in a browser, for a simulated craft, a recorded flight or a campaign."""
+"""`trimtab console`: web page to fly a simulated craft, or to view a recorded flight or a campaign."""
 
 import asyncio
 import contextlib
@@ -34,11 +34,11 @@ if TYPE_CHECKING:  # the packages of the extra "console" may not be installed
     from trimtab.console.recordings import Recording
 
 START_S = 180.0
-"""Maximum time (s) for the simulated vehicle to compile and start."""
+"""Longest time (s) to wait until the simulated vehicle is compiled and started."""
 LONGEST = "28800 s"
-"""Maximum duration of a flight that the pilot ends. A flight whose law follows a table ends with the table."""
+"""Maximum duration of a flight that the pilot ends. If the law follows a table, the flight ends with the table."""
 POSITION = {"navigation": "ins"}
-"""Choice of a navigation system that estimates the position, so that the page can draw the craft on a map."""
+"""Name of a navigation system that estimates the position, so that the page can draw the craft on a map."""
 
 
 @click.command()
@@ -54,7 +54,7 @@ POSITION = {"navigation": "ins"}
     multiple=True,
     metavar="PART=CHOICE",
     callback=parse_parts,
-    help="Replace the estimator or the law of a log, as in trimtab replay, and show log and replay together.",
+    help="Replace estimator or law of a recorded autopilot, as in trimtab replay. Shows log and replay together.",
 )
 @PLACE
 @click.pass_context
@@ -93,7 +93,7 @@ def command(
     signal.signal(signal.SIGTERM, _end)
     scenario, *others = subjects
     if others:
-        raise InputError("trimtab console", f"takes one scenario, got {len(subjects)}", fix="name one scenario")
+        raise InputError("trimtab console", f"needs exactly one scenario, got {len(subjects)}", fix="name one scenario")
     chosen = _choose(scenario, settings)
     duration = _duration(scenario, chosen)
     with _vehicle(scenario, chosen, faults, seed, out) as link:
@@ -113,7 +113,7 @@ def _end(number: int, _: object) -> NoReturn:
 
 
 def _show_recorded(subjects: Sequence[str], parts: Mapping[str, str], address: ConsoleAddress) -> bool:
-    """Serve a campaign's store or logs until interrupted; return False if the subjects are neither a store nor logs."""
+    """Serve a page for a campaign's store or for logs until interrupted. Return False if the subjects are neither."""
     from trimtab.console.campaigns import CampaignFeed
     from trimtab.console.recordings import RecordingFeed, describe_recordings, load_recording
     from trimtab.console.server import serve_here
@@ -128,7 +128,7 @@ def _show_recorded(subjects: Sequence[str], parts: Mapping[str, str], address: C
     if len(files) > (1 if is_store else 2):
         raise InputError(
             "trimtab console",
-            f"takes one store, or one or two logs, got {len(files)}",
+            f"needs one store, or one or two logs, got {len(files)} files",
             fix="name one store, or one or two logs",
         )
     if is_store:
@@ -146,7 +146,7 @@ def _show_recorded(subjects: Sequence[str], parts: Mapping[str, str], address: C
 
 
 def _replay(file: Path, parts: Mapping[str, str]) -> "list[Recording]":
-    """Return two recordings: the log, and the replay of the log with other parts of the autopilot."""
+    """Return two recordings: the log, and a replay of the log with some parts of the autopilot replaced."""
     from trimtab.console.recordings import load_recording, record_flight
 
     log = read_own_log(file)
@@ -159,14 +159,14 @@ def _replay(file: Path, parts: Mapping[str, str]) -> "list[Recording]":
 
 
 def _choose(scenario: str, settings: Mapping[str, str]) -> dict[str, str]:
-    """Return the settings, and add supervisor, stick and position estimate if the scenario offers these choices."""
+    """Return the settings, plus a supervisor, a stick and a position estimate if the scenario offers these choices."""
     offered = catalogue.scenario_choices(scenario)
     position = {name: value for name, value in POSITION.items() if value in offered.get(name, ())}
     return position | live_settings(scenario) | dict(settings)
 
 
 def _duration(scenario: str, settings: Mapping[str, str]) -> list[str]:
-    """Return the option --duration for `trimtab fly`. It is empty if the scenario cannot run for LONGEST."""
+    """Return the option --duration for `trimtab fly`, or no option if the scenario cannot run for LONGEST."""
     built = build(scenario, settings)
     try:
         replace(built, duration=parse_time(LONGEST)).check()
@@ -179,7 +179,7 @@ def _duration(scenario: str, settings: Mapping[str, str]) -> list[str]:
 def _vehicle(
     scenario: str, settings: Mapping[str, str], faults: Sequence[str], seed: int, out: Path | None
 ) -> Iterator[str]:
-    """Run a simulated vehicle in a process of its own, and yield the URI of the vehicle's link."""
+    """Run a simulated vehicle in a separate process, and yield the URI of the vehicle's link."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         link = f"udp://127.0.0.1:{free.getsockname()[1]}"
@@ -201,7 +201,7 @@ def _vehicle(
 
 
 def _await_vehicle(process: "subprocess.Popen[bytes]", said: IO[str]) -> None:
-    """Wait until the vehicle listens on its link; raise InputError with the process's output if it ends instead."""
+    """Wait until the vehicle listens on its link. If the vehicle's process ends, raise InputError with the output."""
     end = time.monotonic() + START_S
     while True:
         said.seek(0)

@@ -21,14 +21,16 @@ ENDING = ".rrd"
 @click.argument("file", type=FILE, metavar="LOG")
 @click.option("--as", "kind", type=click.Choice(["ros2", "rerun"]), required=True, help="Format to write.")
 @OUT("PATH", "Write a ROS 2 bag to this new folder, or a Rerun recording to this .rrd file.", required=True)
-@click.option("--scenario", metavar="SCENARIO", help="Scenario of the log, if the scenario is not in the catalogue.")
-@click.option("--period", metavar="TIME", default="10 ms", show_default=True, help="Time between two written poses.")
+@click.option(
+    "--scenario", metavar="SCENARIO", help="Logged scenario, e.g. my_boat.py:scenario, if not in the catalogue."
+)
+@click.option("--period", metavar="TIME", default="10 ms", show_default=True, help="Period of the written poses.")
 @JSON
 def command(file: Path, kind: str, out: Path, scenario: str | None, period: str, as_json: bool) -> None:
     """Convert a flight for other viewers: a ROS 2 bag with Odometry, Imu and tf, or a Rerun recording.
 
-    A bag uses the axes of ROS: world axes east, north, up; body axes forward, left, up. Foxglove opens bags, and also
-    trimtab's own logs.
+    A bag uses the axes of ROS: world axes east, north, up; body axes forward, left, up. Foxglove opens bags and
+    trimtab's logs.
 
     \b
     trimtab convert flight/run.mcap --as ros2 --out bag          and then:  ros2 bag play bag

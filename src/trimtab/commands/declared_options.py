@@ -1,4 +1,4 @@
-"""Arguments and options of a verb, read from its source file without an import, so that a typo is reported at once."""
+"""Arguments and options of a subcommand, read from the source file without an import, so that a typo is found fast."""
 
 import ast
 import builtins
@@ -13,20 +13,23 @@ from trimtab.commands import options
 
 
 class _Names(dict[str, Any]):
-    """Names that a verb's source file uses. A name that only an import would define has the value ""."""
+    """Names that a subcommand's source file uses, with values.
+
+    A name that is unknown without an import has the value "".
+    """
 
     def __missing__(self, name: str) -> Any:
         return getattr(builtins, name, "")
 
 
 def parse_words(file: Path, verb: str, help: str, words: list[str], parent: click.Context) -> list[str] | None:
-    """Return the typed words that are not options, or None if the options are known only after an import.
+    """Return the typed words that are not options, or None if the subcommand's options are known only after an import.
 
     Args:
-        file: source file of the verb, with its function `command`.
-        verb: name of the verb.
-        help: help text of the verb, whose examples an error shows.
-        words: words typed after the verb.
+        file: source file of the subcommand, with its function `command`.
+        verb: name of the subcommand.
+        help: help text of the subcommand. An error shows an example from this text.
+        words: words typed after the subcommand.
         parent: click context of the program.
 
     Raises: click.UsageError for an unknown option, an option without its value, or a value that is not a number.
@@ -56,7 +59,10 @@ def _is_number(kind: Any) -> bool:
 
 @cache
 def _read_command(file: Path, verb: str, help: str) -> click.Command | None:
-    """Return a click command that only parses the declared options; None for a group or an unknown decorator."""
+    """Return a click command that only parses the subcommand's options.
+
+    Return None for a group or an unknown decorator.
+    """
     tree = ast.parse(file.read_text(encoding="utf-8"))
     own = next((n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == "command"), None)
     if own is None or ast.unparse(own.decorator_list[0]) != "click.command()":

@@ -10,10 +10,10 @@ from trimtab.commands.options import JSON, OUT, SEED
 
 SCENARIO = "hovercraft/pose"
 LOOK_AT = """\
-open {picture}; its right side shows the path over the floor, from above.
+open {picture}. The right side shows the path over the floor, from above.
   The ideal craft has no delay, no navigation errors and no limits. The real
   craft is flown over Bluetooth with measured latencies. Both reach the target
-  position and heading, the real one later: the cost of the imperfections.
+  position and heading, but the real craft later, because of its imperfections.
 cost of each imperfection:  trimtab budget {scenario}
 other scenarios:            trimtab list"""
 
@@ -26,7 +26,8 @@ other scenarios:            trimtab list"""
 def command(context: click.Context, seed: int, out: Path | None, as_json: bool) -> None:
     """Fly the hovercraft to a position over its radio link, ideal and real.
 
-    Uses the craft of the thesis with its measured Bluetooth latencies. Writes trimtab-demo.png and explains it.
+    Uses the craft of the thesis with its measured Bluetooth latencies. Writes trimtab-demo.png and explains this
+    picture.
     """
     picture = (out or Path()) / "trimtab-demo.png"
     settings = {"links": "measured"}

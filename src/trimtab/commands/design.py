@@ -1,4 +1,4 @@
-"""`trimtab design`: design a gain with its certificate, and prove a certificate."""
+"""`trimtab design`: design a feedback gain with a stability certificate, and prove the certificate again."""
 
 import importlib
 import sys
@@ -41,7 +41,7 @@ FUNCTION = "certified_system"
 @click.option(
     "--method",
     type=click.Choice(("lqr", "lmi")),
-    help="Method: Riccati equation (lqr), or a solver (lmi).  [default: lqr]",
+    help="Design method: Riccati equation (lqr), or a solver for matrix inequalities (lmi).  [default: lqr]",
 )
 @click.option(
     "--filter", "filter_", metavar="KIND", help="Kind of filter that estimates the unmeasured states.  [default: tuned]"
@@ -60,13 +60,11 @@ FUNCTION = "certified_system"
 @click.option(
     "--stabilisability",
     is_flag=True,
-    help="Analyse if smooth feedback can stabilise SYSTEM, and in which directions its inputs can steer it.",
+    help="Find out if smooth feedback can stabilise SYSTEM, and in which directions the inputs can steer SYSTEM.",
 )
 @GAIN
 @INVERSION
-@click.option(
-    "--export-coq", "coq", type=FILE, metavar="FILE.v", help="Write the proof for the proof assistant Coq (coqc)."
-)
+@click.option("--export-coq", "coq", type=FILE, metavar="FILE.v", help="Write the proof to this file for Coq (coqc).")
 @JSON
 def command(
     system: str | None,
@@ -85,13 +83,15 @@ def command(
 
     A certificate belongs to a named system with settings. --check rebuilds that system from scratch, compares it with
     every matrix, weight and number in the file, and proves each condition in exact arithmetic, without the solver that
-    found the gain. Exit code 1 if a condition fails; the number that violates it is printed. SYSTEM is a system of the
-    package, or a file or folder of your own (docs, Certificate).
+    found the gain. If a condition fails, the violating number is printed and the exit code is 1.
+
+    SYSTEM is a system of the package, or a file or folder of your own (docs, Certificate).
 
     For a law of the package, the result is a theorem instead of a gain: the set to which the loop converges, the region
-    of attraction, and a Lyapunov function (docs, Theorem). The theorem is derived from the law's own code, run on
-    polynomials. --stabilisability tests if smooth feedback can stabilise a vehicle (Brockett; Byrnes and Isidori), and
-    finds by Lie brackets the directions in which the inputs can steer the vehicle (docs, Stabilisability).
+    of attraction, and a Lyapunov function (docs, Theorem). The theorem is derived from the code of the law,
+    evaluated on polynomials. --stabilisability tests if smooth feedback can stabilise a vehicle (Brockett; Byrnes and
+    Isidori), and finds by Lie brackets the directions in which the inputs can steer the vehicle (docs,
+    Stabilisability).
 
     \b
     trimtab design hypersonic                        gain, poles and every condition
@@ -102,11 +102,11 @@ def command(
     trimtab design --check gain.json --export-coq gain.v     then: coqc gain.v
     trimtab design my_boat.py --check gain.json              for a system in your own file
     trimtab design hovercraft/forward --out law.json         a theorem about a law; --check law.json proves it again
-    trimtab design hovercraft/reverse --set k1=2             a region from which the craft comes to rest
+    trimtab design hovercraft/reverse --set k1=2             the region from which the craft comes to rest
     trimtab design my_law.py:theorem                         for your own law
-    trimtab design hovercraft --stabilisability              test if smooth feedback can stabilise it
+    trimtab design hovercraft --stabilisability              test if smooth feedback can stabilise the craft
     trimtab design my_boat.py:system --stabilisability       for your own model
-    trimtab design my_cart.py:scenario --lqr --limit force=20 --limit angle='5 deg' --out gain.json     a gain
+    trimtab design my_cart.py:scenario --lqr --limit force=20 --limit angle='5 deg' --out gain.json
     trimtab design vessel/path --lqr --fast rudder …         then:  trimtab run vessel/path --set gain=gain.json
     trimtab design my_cart.py --inversion --output position --to 0.5 --in 2 --plot course.png     exact inputs
     """
@@ -159,7 +159,7 @@ def _find_function(system: str | None) -> SystemFunction:
     """Return the function that builds a system of the package, or of the user's file or folder."""
     if system is None:
         fix = f"trimtab design {design_systems()[0]}, or trimtab design --check FILE"
-        raise InputError("design", "no system is named", choices=design_systems(), fix=fix)
+        raise InputError("design", "the argument SYSTEM is missing", choices=design_systems(), fix=fix)
     file = Path(system) / "_design.py" if Path(system).is_dir() else Path(system)
     if system not in design_systems() and file.suffix == ".py":
         try:
@@ -176,7 +176,7 @@ def _find_function(system: str | None) -> SystemFunction:
             raise InputError("design", problem, choices=(*design_systems(), *theorem_functions()), fix=fix)
         near = closest(system, (*design_systems(), *theorem_functions()), 1) or design_systems()[:1]
         problem = f"no built-in design for {system!r}"
-        fix = f"trimtab design {near[0]}; for your own system, name its file:  trimtab design my_boat.py"
+        fix = f"trimtab design {near[0]}; for your own system, name the Python file:  trimtab design my_boat.py"
         raise InputError("design", problem, choices=(*design_systems(), *theorem_functions()), fix=fix)
     return getattr(importlib.import_module(f"trimtab.scenarios.{system}._design"), FUNCTION)
 
@@ -187,10 +187,10 @@ def _build_system(system: str | None, settings: dict[str, str]) -> CertifiedSyst
 
 
 def _rebuild_system(certificate: Certificate, system: str | None) -> CertifiedSystem:
-    """Rebuild the system that a certificate names, with its settings."""
+    """Rebuild the system that a certificate names, with the settings in the certificate."""
     if system is None and certificate.system not in design_systems():
         problem = f"the certificate is for {certificate.system!r}, which is not in the package"
-        fix = "name the file of the system:  trimtab design my_boat.py --check FILE"
+        fix = "name the Python file of the system:  trimtab design my_boat.py --check FILE"
         raise InputError("--check", problem, choices=design_systems(), fix=fix)
     if system in design_systems() and certificate.system != system:
         problem = f"the certificate is for {certificate.system!r}"
@@ -200,7 +200,7 @@ def _rebuild_system(certificate: Certificate, system: str | None) -> CertifiedSy
     lacking = [name for name in wanted if name not in certificate.about]
     if lacking:
         fix = f"trimtab design {certificate.system} --out FILE  writes a new certificate"
-        raise InputError("--check", f"the certificate lacks the entry about.{lacking[0]}", fix=fix)
+        raise InputError("--check", f"the certificate file lacks the key about.{lacking[0]}", fix=fix)
     given = {name: certificate.about[name] for name in wanted}
     return function(**system_settings(function, given, "--check"))
 
@@ -237,6 +237,6 @@ def _print_design(certificate: Certificate, proof: CertificateProof, file: Path 
     click.echo("poles of A + B K: " + ", ".join(format_pole(p) for p in certificate.poles if p.imag >= 0))
     if certificate.observer is not None:
         o = certificate.observer
-        click.echo(f"smallest weight of the filter, lambda*: {o.least_weight:.6g}; used {o.weight:.6g}")
+        click.echo(f"smallest weight of the filter, lambda*: {o.least_weight:.6g}; weight used: {o.weight:.6g}")
     print_conditions(f"{file or certificate.system}: {'proved' if proof.holds else 'NOT proved'}", proof)
     click.echo("scope of the proof: " + "; ".join(SCOPE) + " (docs, Certificate)")

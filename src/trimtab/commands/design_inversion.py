@@ -1,4 +1,4 @@
-"""`trimtab design VEHICLE --inversion`: states and inputs for which the outputs follow a trajectory exactly."""
+"""`trimtab design VEHICLE --inversion`: find states and inputs with which the outputs follow a trajectory exactly."""
 
 import json
 import math
@@ -29,12 +29,12 @@ from trimtab.run.plant import load_plant
 
 OPTIONS = ("outputs", "inputs", "to", "seconds_long", "picture")
 FADES = math.log(1e4)
-"""Time before and after the change of the outputs, in time constants of an internal mode: a decay to 1/10000."""
+"""Time computed before and after the output change, in time constants of an internal mode: a decay to 1/10000."""
 LONGEST = 10.0
-"""Maximum time before and after the change of the outputs, as a multiple of the duration of the change."""
+"""Maximum time computed before and after the change of the outputs, as a multiple of the duration of the change."""
 SLOW = 0.1
-"""Duration of the change of the outputs, in time constants of a mode, below which the mode is slow and gets no lead
-time."""
+"""Ratio of the duration of the output change to a mode's time constant, below which the mode counts as slow. No time is
+added before or after the change for a slow mode."""
 NODES = 1200
 
 
@@ -44,21 +44,21 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--inversion",
             is_flag=True,
-            help="Compute states and inputs so that outputs change smoothly to new values: see --output, --to, --in.",
+            help="Compute states and inputs that move outputs smoothly to new values; see --output, --to and --in.",
         ),
         click.option(
             "--output",
             "outputs",
             multiple=True,
             metavar="NAME",
-            help="Output that changes to the value in --to, with --inversion. May be repeated.",
+            help="With --inversion: output that changes to the value in --to. May be repeated.",
         ),
         click.option(
             "--input",
             "inputs",
             multiple=True,
             metavar="NAME",
-            help="Input to use with --inversion. Other inputs keep their trim values. May be repeated.  [default: all]",
+            help="With --inversion: input to use; others stay at the trim value. May be repeated.  [default: all]",
         ),
         click.option(
             "--to",
@@ -69,7 +69,7 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--in", "seconds_long", type=float, metavar="SECONDS", help="With --inversion: duration of the change."
         ),
-        PLOT("Draw states, inputs and outputs to this picture, with --inversion.", "picture"),
+        PLOT("With --inversion: draw states, inputs and outputs to this picture.", "picture"),
     )
     for option in reversed(options):
         function = option(function)
@@ -98,17 +98,17 @@ def invert_vehicle(
     outputs, to, length = words["outputs"], words["to"], words["seconds_long"]
     if vehicle is None or not outputs or len(to) != len(outputs) or not length or length <= 0:
         fix = "trimtab design examples/my_cart.py --inversion --output position --to 0.5 --in 2"
-        raise InputError("--inversion", "needs a vehicle, one --to for each --output, and --in above 0 s", fix=fix)
+        raise InputError("--inversion", "needs a vehicle, one --to for each --output, and --in SECONDS > 0", fix=fix)
     check_picture(words["picture"], None)
     if out is not None:
         check_out("--out", out)
     assumed = dict(text.split("=", 1) for text in words["assume"] if "=" in text)
     plant = load_plant(vehicle, settings, assumed)
-    start = find_point(plant, words["at"]).require_trim("--inversion, at the start")
+    start = find_point(plant, words["at"]).require_trim("--inversion, before the change of the outputs")
     held = [w for w in words["at"] if w.partition("=")[0].strip() not in outputs]
     held += _hold_inputs(plant.model.inputs, start.u, words["inputs"])
     ends = [f"{n}={v}" for n, v in zip(outputs, to, strict=True)]
-    end = find_point(plant, (*held, *ends)).require_trim("--inversion, at the end")
+    end = find_point(plant, (*held, *ends)).require_trim("--inversion, after the change of the outputs")
     kept = [plant.model.inputs.index(n) for n in words["inputs"]] or slice(None)
     model = plant.model._replace(x0=start.x, u0=start.u).keep(inputs=words["inputs"], outputs=outputs)
     first = dict(zip(model.outputs, model.evaluate(start.x, model.u0)[1].tolist(), strict=True))
@@ -142,7 +142,7 @@ def invert_vehicle(
 
 
 def find_lead_times(modes: tuple[InternalMode, ...], length: float) -> tuple[float, float]:
-    """Return the times (s) needed before the outputs change, for unstable modes, and after it, for stable modes."""
+    """Return the times (s) to compute before the output change, for unstable modes, and after, for stable modes."""
     real = np.array([m.pole.real for m in modes if not _is_slow(m, length)])
     right, left = real[real > 0], -real[real < 0]
     times = [FADES / side.min() if len(side) else 0.1 * length for side in (right, left)]
@@ -154,7 +154,7 @@ def _is_slow(mode: InternalMode, length: float) -> bool:
 
 
 def _hold_inputs(inputs: tuple[str, ...], u: Any, kept: tuple[str, ...]) -> list[str]:
-    """Return texts for ``--at`` that hold the unused inputs at their initial values."""
+    """Return conditions for ``--at`` that hold the unused inputs at their initial values."""
     unknown = [n for n in kept if n not in inputs]
     if unknown:
         near = closest(unknown[0], inputs, 1) or list(inputs)[:1]
@@ -167,7 +167,7 @@ def _print_inversion(plant: Any, found: Inversion, states: Any, inputs: Any, spa
     click.echo(f"{plant.name}: relative degree {degrees}; internal states: {', '.join(found.form.internals) or 'none'}")
     poles = [f"{p.real:+.4g}{f' ± {p.imag:.4g}i' if p.imag else ''}" for p in found.internal.poles if p.imag >= 0]
     click.echo(
-        f"zeros (1/s): {', '.join(poles) or 'none'}; {found.internal.unstable} unstable, solved backwards in time"
+        f"zeros (1/s): {', '.join(poles) or 'none'}; {found.internal.unstable} unstable ones, solved backwards in time"
     )
     places, modes = internal_modes(found.form)
     if places:
@@ -175,7 +175,7 @@ def _print_inversion(plant: Any, found: Inversion, states: Any, inputs: Any, spa
     for mode in modes:
         if _is_slow(mode, span[1] - span[0]) and mode.pole.imag >= 0:
             side = "stable, solved forwards" if mode.pole.real < 0 else "unstable, solved backwards"
-            click.echo(f"slow: {mode.pole.real:+.4g} 1/s in {mode.states}; {side}")
+            click.echo(f"slow internal mode: {mode.pole.real:+.4g} 1/s in {mode.states}; {side}")
     click.echo(
         f"outputs change from {span[0]:.3g} to {span[1]:.3g} s; converged after {found.internal.iterations} iterations"
     )

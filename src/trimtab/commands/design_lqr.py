@@ -1,4 +1,4 @@
-"""`trimtab design VEHICLE --lqr`: a gain for any vehicle from limits, with a certificate that proves it."""
+"""`trimtab design VEHICLE --lqr`: design a gain from limits of states and inputs, with a stability certificate."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -28,7 +28,7 @@ from trimtab.scenarios import catalogue
 from trimtab.scenarios.gain_file import vehicle_settings
 
 LISTS = ("at", "limit", "integrate", "assume", "fast")
-"""Options of ``--lqr`` that may be repeated; a certificate stores their values as lists."""
+"""Options of ``--lqr`` that may be repeated. A certificate stores the values of each as a list."""
 
 
 def GAIN(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -49,7 +49,7 @@ def GAIN(function: Callable[..., Any]) -> Callable[..., Any]:
             "--integrate",
             multiple=True,
             metavar="NAME=VALUE",
-            help="With --lqr: state to integrate, and the limit of its integral. May be repeated.",
+            help="With --lqr: state whose error is integrated, and the largest acceptable integral. May be repeated.",
         ),
         click.option(
             "--assume",
@@ -61,7 +61,7 @@ def GAIN(function: Callable[..., Any]) -> Callable[..., Any]:
             "--fast",
             multiple=True,
             metavar="NAME",
-            help="With --lqr: fast state that the gain does not feed back. May be repeated.",
+            help="With --lqr: fast state that the control law does not feed back. May be repeated.",
         ),
         AT,
     )
@@ -85,12 +85,14 @@ def design_gain(
     check: Path | None,
     as_json: bool,
 ) -> bool:
-    """Design a gain and prove its certificate, or check an existing file; return True if every condition holds.
+    """Design a gain and prove the certificate, or check an existing gain file. Return True if every condition holds.
 
     words: values of the options in LISTS, as typed.  settings: settings of the scenario.
     """
     if vehicle is None:
-        raise InputError("design --lqr", "no vehicle is named", fix="trimtab design hovercraft/forward --lqr …")
+        raise InputError(
+            "design --lqr", "the argument VEHICLE is missing", fix="trimtab design hovercraft/forward --lqr …"
+        )
     if check is None:
         system = build_gain_system(vehicle, words, settings)
         certificate = design_certificate(system)
@@ -118,7 +120,7 @@ def design_gain(
 
 
 def gain_vehicle(system: str | None, check: Path | None) -> str | None:
-    """Return the vehicle as typed, else the scenario named in the gain file; None if `check` is not a gain file."""
+    """Return the typed vehicle, or else the scenario named in the gain file; None if `check` is not a gain file."""
     try:
         certificate = None if check is None else read_certificate(check)[0]
     except InputError:
@@ -167,7 +169,7 @@ def build_gain_system(vehicle: str, words: Mapping[str, Iterable[str]], settings
 def fast_numbers(
     whole: LinearModel, slow: Sequence[str], fast: Sequence[str], integrals: Iterable[str], K: Any
 ) -> dict[str, LimitedNumber]:
-    """Return the slowest pole of the loop including the fast states, which the gain K (m, n) does not feed back."""
+    """Return the slowest pole of the loop, including the fast states, which the gain K (m, n) does not feed back."""
     linear = whole.part(states=[*slow, *fast])
     A, B = augment_integrals(linear.A, linear.B, [linear.states.index(n) for n in integrals])
     gain = np.hstack([K[:, : len(slow)], np.zeros((len(K), len(fast))), K[:, len(slow) :]])
@@ -188,7 +190,7 @@ def _amounts(
 
 
 def _refuse_lacking_limits(names: Iterable[str], limits: Mapping[str, float]) -> None:
-    """Raise InputError for states and inputs without a limit; an array without any limit is named as a whole."""
+    """Raise InputError for states and inputs without a limit. An array without any limit is named once."""
     names = tuple(names)
     fields = {n: re.sub(r"(\[\d+\]|\.\w+)$", "", n) for n in names if not n.startswith("u.")}
     lacking: list[str] = []
@@ -204,7 +206,7 @@ def _refuse_lacking_limits(names: Iterable[str], limits: Mapping[str, float]) ->
 
 
 def _expand(known: Iterable[str], option: str, words: Iterable[str]) -> list[str]:
-    """Return the states and inputs that the words name. The name of an array, e.g. ``rate``, means all its elements."""
+    """Return the states and inputs with the typed names. An array's name, e.g. ``rate``, stands for all elements."""
     names: list[str] = []
     for word in words:
         meant = [n for n in known if n == word] or [n for n in known if n.startswith((f"{word}[", f"{word}."))]

@@ -1,4 +1,4 @@
-"""`trimtab design VEHICLE --stabilisability`: limits of smooth feedback, and directions that inputs can reach."""
+"""`trimtab design VEHICLE --stabilisability`: test if smooth feedback can stabilise, and where the inputs can steer."""
 
 import importlib
 from collections.abc import Callable
@@ -31,7 +31,7 @@ def model_names() -> tuple[str, ...]:
 
 
 def print_stabilisability(system: str | None, as_json: bool) -> None:
-    """Print the tests of Brockett, of Byrnes and Isidori, and by Lie brackets, for a vehicle or a model in a file."""
+    """Print the results of three tests of a model: Brockett's, Byrnes and Isidori's, and that by Lie brackets."""
     model = _find_model(system)()
     if not isinstance(model, StateSpaceModel):
         problem = f"{system} returns a {type(model).__name__}, not a model"
@@ -56,8 +56,8 @@ def _find_model(system: str | None) -> Callable[[], Any]:
         return load_function(system if ".py:" in system else f"{system}:{FUNCTION}")
     if system not in model_names():
         near = closest(system or "", model_names(), 1) or model_names()[:1]
-        problem = "no vehicle is named" if system is None else f"no model of {system!r}"
-        fix = f"trimtab design {near[0]} --stabilisability; your own:  my_boat.py:{FUNCTION}, which must return a model"
+        problem = "the argument VEHICLE is missing" if system is None else f"no model of {system!r}"
+        fix = f"trimtab design {near[0]} --stabilisability; your own:  my_boat.py:{FUNCTION} (returns a model)"
         raise InputError("--stabilisability", problem, choices=model_names(), fix=fix)
     return importlib.import_module(f"trimtab.scenarios.{system}._models").model
 
@@ -65,21 +65,21 @@ def _find_model(system: str | None) -> Callable[[], Any]:
 def _format_point(model: StateSpaceModel) -> str:
     names, values = (*model.states, *model.inputs), (*model.x0, *model.u0)
     moved = [f"{n} = {float(v):.6g}" for n, v in zip(names, values, strict=True) if v != 0]
-    return ", ".join(moved) + ("; all else 0" if moved else "rest, all zero")
+    return ", ".join(moved) + ("; all other states and inputs are 0" if moved else "rest, all zero")
 
 
 def _print_smooth(model: StateSpaceModel, smooth: SmoothFeedback) -> None:
     b, ranks, cascade = smooth.brockett, smooth.byrnes_isidori, smooth.cascade
-    click.echo("smooth feedback of the state")
+    click.echo("tests for smooth state feedback")
     click.echo(f"  Brockett: {EXCLUDES if b.is_excluded else 'not excluded'}")
     for s in b.uncontrollable_unstable:
         click.echo(f"    no input controls the unstable eigenvalue {s:.4g}")
     if not b.is_onto:
         for target in b.missed_targets[:1]:
             way = format_combination(target / np.linalg.norm(target), model.states)
-            click.echo(f"    no state and input near this point give rates along {way}, however small")
+            click.echo(f"    no state and input near this point produce state derivatives along {way}, however small")
     elif not b.is_excluded:
-        click.echo("    every small rate of the states can be produced by some state and input near this point")
+        click.echo("    each small state derivative can be produced by a state and input near this point")
     if ranks is None or cascade is None:
         click.echo("  Byrnes, Isidori: does not apply: no subset of the states depends only on itself and the inputs")
         return
@@ -87,15 +87,15 @@ def _print_smooth(model: StateSpaceModel, smooth: SmoothFeedback) -> None:
     click.echo(f"  Byrnes, Isidori: {EXCLUDES if ranks.is_excluded else 'not excluded'}")
     click.echo(f"    x1 = ({x1}), x2 = ({x2})")
     click.echo(
-        f"    {ranks.rank_inputs} independent inputs for {ranks.n1} states x1; rank of df2/dx1 {ranks.rank_f2}; "
-        f"H1 {'holds' if ranks.h1 else 'fails'}, H2 {'holds' if ranks.h2 else 'fails'}"
+        f"    {ranks.rank_inputs} independent inputs for the {ranks.n1} states x1; rank of df2/dx1: {ranks.rank_f2}; "
+        f"condition H1 {'holds' if ranks.h1 else 'fails'}, condition H2 {'holds' if ranks.h2 else 'fails'}"
     )
 
 
 def _print_reach(model: StateSpaceModel, reach: Accessibility) -> None:
     if reach.curved:
-        click.echo(f"not affine in {', '.join(reach.curved)}: the brackets use the first-order part in the inputs")
-    click.echo("Lie brackets at this point, of the drift f and the input fields, each with a new direction")
+        click.echo(f"not affine in the inputs {', '.join(reach.curved)}, so they are linearised in the inputs")
+    click.echo("Lie brackets of the drift f and the input vector fields at this point; each adds a new direction")
     for bracket in reach.basis:
         click.echo(f"  {bracket.degree}  {_format_bracket(model, bracket)}")
     verdict = "accessible" if reach.is_accessible else "not shown to be accessible"
@@ -103,9 +103,9 @@ def _print_reach(model: StateSpaceModel, reach: Accessibility) -> None:
     for bracket in reach.bad:
         blocked = any(bracket is o for o in reach.obstructions)
         word = "not in the span of lower brackets" if blocked else "in the span of lower brackets"
-        click.echo(f"  bad: {_format_bracket(model, bracket)}: {word}")
+        click.echo(f"  bad bracket: {_format_bracket(model, bracket)}: {word}")
     if reach.is_linear:
-        click.echo("small-time locally controllable, as the linear model is controllable")
+        click.echo("small-time locally controllable, because the linear model is controllable")
     elif reach.is_stlc:
         click.echo(
             "small-time locally controllable: every nearby state is reached in arbitrarily short time (Sussmann)"

@@ -1,4 +1,4 @@
-"""`trimtab design` for a law: derive, write and check a theorem about its loop."""
+"""`trimtab design` for a control law: derive, write and check a theorem about the law's closed loop."""
 
 import importlib
 from collections.abc import Callable, Iterable, Mapping
@@ -31,7 +31,7 @@ TheoremFunction = Callable[..., LawTheorem]
 
 
 def theorem_functions() -> dict[str, TheoremFunction]:
-    """Return name -> theorem function, from every folder of scenarios that has theorems."""
+    """Return the functions that build theorems, by name, from all folders of scenarios."""
     functions: dict[str, TheoremFunction] = {}
     for file in sorted(Path(scenarios.__file__).parent.glob("*/_theorems.py")):
         functions |= importlib.import_module(f"trimtab.scenarios.{file.parent.name}._theorems").THEOREMS
@@ -39,7 +39,7 @@ def theorem_functions() -> dict[str, TheoremFunction]:
 
 
 def is_theorem(system: str | None, check: Path | None) -> bool:
-    """Return True if the file, or else the name of the system, belongs to a theorem, not to a gain."""
+    """Return True if the certificate file contains a theorem, not a gain. Without a file, the system's name decides."""
     if check is not None:
         return check.is_file() and f'"format": "{FORMAT}"' in check.read_bytes()[:200].decode(errors="replace")
     return system is not None and (".py:" in system or system in theorem_functions())
@@ -48,7 +48,10 @@ def is_theorem(system: str | None, check: Path | None) -> bool:
 def run_theorem(
     system: str | None, settings: Mapping[str, str], out: Path | None, check: Path | None, as_json: bool
 ) -> bool:
-    """Make or check the certificate of a theorem, print and write it; return True if every condition holds."""
+    """Make or check the certificate of a theorem. Print and write the certificate.
+
+    Return True if every condition holds.
+    """
     if check is None:
         theorem = _build_theorem(system or "", settings)
         certificate = _make_certificate(theorem)
@@ -74,7 +77,7 @@ def run_theorem(
 
 
 def refuse_options(options: Mapping[str, Any], beside: str) -> None:
-    """Raise InputError for each given option, because it cannot be combined with `beside`."""
+    """Raise InputError if an option is given that cannot be combined with the option or object `beside`."""
     for name, value in options.items():
         if value is not None:
             raise InputError(name, f"cannot be combined with {beside}", fix=f"leave {name} out")
@@ -88,7 +91,7 @@ def print_unwritten(files: Iterable[Path | None], proof: CertificateProof) -> No
 
 
 def print_conditions(title: str, proof: CertificateProof) -> None:
-    """Print each condition of a certificate with its number and verdict."""
+    """Print each condition of a certificate: verdict, number, meaning and method of proof."""
     table = new_table("condition", "verdict", ">number", "meaning", "method", title=title)
     for c in proof.conditions:
         number = f"{c.number:.4g}" if c.number == c.number else "-"
@@ -103,7 +106,7 @@ def print_conditions(title: str, proof: CertificateProof) -> None:
 def _build_theorem(name: str, settings: Mapping[str, Any]) -> LawTheorem:
     functions = theorem_functions()
     if name not in functions and ".py:" not in name:
-        problem, fix = f"unknown theorem {name!r}", "name its file:  trimtab design my_law.py:theorem --check FILE"
+        problem, fix = f"unknown theorem {name!r}", "name the file:  trimtab design my_law.py:theorem --check FILE"
         raise InputError("design", problem, choices=tuple(functions), fix=fix)
     function = functions.get(name) or load_function(name)
     theorem = function(**system_settings(function, settings, f"trimtab design {name}"))

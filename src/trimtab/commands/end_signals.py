@@ -1,8 +1,9 @@
-"""Signals that end a command: Ctrl-C (SIGINT), SIGTERM and a lost terminal (SIGHUP). Exit code: 128 + the number.
+"""Signals that end a command: Ctrl-C (SIGINT), SIGTERM and a lost terminal (SIGHUP). Exit code: 128 + signal number.
 
 The handler raises an exception in the main thread. Two things can stop that exception. Python drops an exception in a
 garbage-collection callback, and JAX has such a callback. Native code, such as a compiler, delays the handler. A thread
-therefore watches each signal. It repeats a dropped signal, and ends the program if the handler does not run in time.
+therefore watches each signal. The thread repeats a dropped signal, and ends the program if the handler does not run
+in time.
 """
 
 import contextlib
@@ -16,13 +17,13 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 RETRY_PERIOD_S = 0.02
-"""Time (s) after which a signal is repeated if Python dropped its exception."""
+"""Time (s) after which a signal is repeated if Python dropped the exception that the signal raised."""
 PATIENCE_S = 0.7
-"""Longest time (s) for which native code may delay the handler. After this time the program is ended."""
+"""Longest time (s) for which native code may delay the signal handler. After this time the program is ended."""
 
 
 class TerminatedError(KeyboardInterrupt):
-    """Exception that a signal other than Ctrl-C raises to end the program."""
+    """Exception raised by a signal other than Ctrl-C to end the program."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -30,7 +31,7 @@ class TerminatedError(KeyboardInterrupt):
 
 
 class EndSignals:
-    """Handler of the signals that end a command, and the thread that watches them.
+    """Handler of the signals that end a command, with a thread that watches these signals.
 
     asked: number of the last signal received, or 0.  raised: True after the handler has raised the exception, unless
     Python dropped it.
@@ -46,7 +47,7 @@ class EndSignals:
         self._thread = threading.Thread(target=self._watch, daemon=True)
 
     def handle(self, number: int, _: object) -> None:
-        """Raise KeyboardInterrupt for Ctrl-C, TerminatedError for another signal."""
+        """Raise KeyboardInterrupt for Ctrl-C, or TerminatedError for any other signal."""
         self.asked, self.raised = number, True
         if number == signal.SIGINT:
             raise KeyboardInterrupt
@@ -94,7 +95,7 @@ class EndSignals:
 def end_on_signals(is_program: bool = False) -> Iterator[None]:
     """End the command on Ctrl-C, SIGTERM and SIGHUP, except for signals that are ignored or have another handler.
 
-    is_program: True if the process runs only this command. It is then ended without waiting for other threads.
+    is_program: True if the process runs only this command. The process is then ended without waiting for other threads.
     """
     handlers = {"SIGINT": signal.default_int_handler, "SIGTERM": signal.SIG_DFL, "SIGHUP": signal.SIG_DFL}
     usual = {getattr(signal, name): handler for name, handler in handlers.items() if hasattr(signal, name)}
@@ -119,14 +120,14 @@ def name_signal(number: int) -> str:
 
 
 def _end_program(number: int) -> None:
-    """End the program while native code runs, after the message that its command would have printed."""
+    """End the program while native code runs. First print the message that the command would have printed."""
     with contextlib.suppress(OSError):
         os.write(2, f"stopped by {name_signal(number)}\n".encode())
     os._exit(128 + number)
 
 
 def _leave(code: int) -> None:
-    """End the process at once, without waiting for other threads, which may compile for seconds."""
+    """End the process immediately, without waiting for other threads, which may compile for seconds."""
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):
             stream.flush()

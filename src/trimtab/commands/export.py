@@ -1,4 +1,4 @@
-"""`trimtab export`: export a scenario as C, check an exported folder, and run it on an emulated microcontroller."""
+"""`trimtab export`: export a scenario as C, check the exported code, and run it on an emulated microcontroller."""
 
 import inspect
 import json
@@ -39,14 +39,16 @@ BOARDS = ("cortex-m4", "cortex-m7")
     type=click.Choice(("autopilot", "loop", "vehicle")),
     default="autopilot",
     show_default=True,
-    help="Part to write: the autopilot, the whole loop with its world, or the vehicle (only as an FMU).",
+    help="Part to write: autopilot, loop (autopilot, vehicle, sensors and links), or vehicle (only as an FMU).",
 )
-@click.option("--fmu", type=click.Choice(("2", "3")), help="Write an FMU for co-simulation by FMI 2.0 or 3.0.")
-@OUT("DIR", "Write C code, its test and its test vectors to this folder, or an FMU to this file.")
+@click.option(
+    "--fmu", type=click.Choice(("2", "3")), help="Write an FMU for co-simulation by the FMI standard 2.0 or 3.0."
+)
+@OUT("DIR", "Write C code, a test program and test vectors to this folder, or an FMU to this file.")
 @click.option("--steps", type=click.IntRange(1), default=2000, show_default=True, help="Number of test vectors.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the test vectors.")
 @click.option("--fly", is_flag=True, help="Run the code on the emulated board of --target.")
-@click.option("--wasm", "web", is_flag=True, help="Write a self-contained page that simulates the loop in a browser.")
+@click.option("--wasm", "web", is_flag=True, help="Write a self-contained web page that simulates the loop.")
 @click.option(
     "--slider",
     "sliders",
@@ -59,7 +61,7 @@ BOARDS = ("cortex-m4", "cortex-m7")
     "check",
     type=FILE,
     metavar="DIR",
-    help="Compile this exported folder, and check that its results equal those of the simulation.",
+    help="Compile the code in this exported folder, and check that the results equal those of the simulation.",
 )
 @SET
 @NAVIGATION
@@ -77,7 +79,7 @@ def command(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Write a scenario's autopilot as C for a microcontroller, and verify that it computes the same results.
+    """Write a scenario's autopilot as C for a microcontroller, and verify that the C code computes the same results.
 
     \b
     trimtab export hovercraft/zero-velocity --out autopilot
@@ -90,7 +92,8 @@ def command(
     trimtab export control.py:wrapped_error --out wrapped-error
     trimtab export hovercraft/spin --fmu 3 --out autopilot.fmu         an FMU; also --part vehicle, --part loop
 
-    --wasm writes the closed loop. Its sliders are delay, downlink-delay, loss, downlink-loss, or a quantity's PATH.
+    --wasm writes a page with the closed loop. A slider changes delay, downlink-delay, loss, downlink-loss, or the
+    quantity at a PATH.
 
     FILE.py:FUNCTION may also be any pure JAX function instead of one that returns a Scenario. The shapes and types of
     its arguments are taken from the defaults of its parameters, or from a tuple `example` in the same file:
@@ -103,23 +106,25 @@ def command(
         _refuse_choices_of_verify()
         sys.exit(0 if _check_export(check, target, as_json) else 1)
     if scenario is None:
-        raise InputError("export", "no scenario is named", fix="trimtab export hovercraft/zero-velocity --out DIR")
+        raise InputError(
+            "export", "the argument SCENARIO is missing", fix="trimtab export hovercraft/zero-velocity --out DIR"
+        )
     if fmu is not None:
         _write_fmu(scenario, int(fmu), out, as_json, target, fly, **options)
         return
     if options["part"] == "vehicle":
-        problem = "a vehicle can only be written as an FMU; as C, write autopilot or loop"
+        problem = "a vehicle can only be written as an FMU; as C, only autopilot or loop can be written"
         raise InputError("export --part vehicle", problem, fix="--fmu 3 --out vehicle.fmu")
     if web or sliders:
         write_web_flight(scenario, out, sliders, as_json, **options)
         return
     if fly and target not in BOARDS:
-        problem = f"--fly needs a board as target, got {target!r}"
+        problem = f"--fly needs a microcontroller board as target, got {target!r}"
         raise InputError("export", problem, choices=BOARDS, fix="--target cortex-m7 --fly")
     if fly:
         require_tools(target)
     if out is None and not fly:
-        raise InputError("export", "no folder is named", fix="--out autopilot")
+        raise InputError("export", "--out DIR is missing", fix="--out autopilot")
     if (function := find_function(scenario)) is not None:
         _export_function(scenario, *function, out, as_json, fly)
         return
@@ -157,7 +162,7 @@ def _write_fmu(
     without: tuple[str, ...],
     **rest: Any,
 ) -> None:
-    """Write an FMU, and print its numbers of parameters, inputs and outputs."""
+    """Write an FMU, and print the number of its parameters, inputs and outputs."""
     from trimtab.export.fmu import export_fmu  # these modules import JAX, which --verify does not need
     from trimtab.scenarios.build import build
 
@@ -166,7 +171,7 @@ def _write_fmu(
             "export --fmu", "an FMU is built for this machine, not for a board", fix="leave --target and --fly out"
         )
     if out is None:
-        raise InputError("export --fmu", "no file is named", fix=f"--out {part}.fmu")
+        raise InputError("export --fmu", "--out FILE.fmu is missing", fix=f"--out {part}.fmu")
     if find_function(scenario) is not None:
         fix = "trimtab export hovercraft/spin --fmu 3 --out autopilot.fmu"
         raise InputError("export --fmu", "an FMU is a part of a scenario, not a function", fix=fix)
@@ -201,15 +206,17 @@ def _write_fmu(
 
 
 def _refuse_choices_of_verify() -> None:
-    """Raise InputError if --verify is combined with an option that applies to writing a folder."""
+    """Raise InputError if --verify is combined with an option that is only for writing."""
     context = click.get_current_context()
     for parameter in context.command.params:
         name = str(parameter.name)
         is_typed = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
         if is_typed and name not in ("check", "target", "as_json"):
             typed = "a scenario" if name == "scenario" else parameter.opts[0]
-            problem = f"{typed} applies to writing, but --verify checks an existing folder"
-            raise InputError("export --verify", problem, fix="--verify DIR, and --target cortex-m7 to run it there too")
+            problem = f"{typed} is only for writing, but --verify checks an existing folder"
+            raise InputError(
+                "export --verify", problem, fix="--verify DIR; add --target cortex-m7 to run the code there too"
+            )
 
 
 def _write_export(
@@ -224,7 +231,7 @@ def _write_export(
     settings: Mapping[str, str],
     without: tuple[str, ...],
 ) -> tuple[dict[str, Any], list[Path]]:
-    """Export a scenario as C; return the sizes of the code, and the files written."""
+    """Export a scenario as C. Return code sizes and the files written."""
     from trimtab.export.export_c import export_c  # these modules import JAX, which --verify does not need
     from trimtab.scenarios.build import build
 
@@ -278,17 +285,17 @@ def _export_function(
         print_json(result)
         return
     space = f", {block.workspace} bytes of workspace" if block.workspace else ""
-    space += f", {block.frame} bytes of stack shared between its parts" if block.frame else ""
-    click.echo(f"{name} as C, {result['lines']} lines, {result['inputs']} numbers in, {result['outputs']} out{space}")
+    space += f", {block.frame} bytes of stack shared by the C functions" if block.frame else ""
+    click.echo(f"{name} as C, {result['lines']} lines, {result['inputs']} inputs, {result['outputs']} outputs{space}")
     _print_files(files, out)
 
 
 def _print_files(files: Sequence[Any], out: Path) -> None:
-    click.echo(f"wrote {len(files)} files in {out}      check them: trimtab export --verify {out}")
+    click.echo(f"wrote {len(files)} files in {out}      check the files: trimtab export --verify {out}")
 
 
 def _fly_on_board(folder: Path, target: str) -> tuple[dict[str, Any], bool]:
-    """Run the test vectors on the emulated board; return instructions and memory, and True if the outputs agree."""
+    """Run the test vectors on an emulated board. Return instructions, memory, and True if the outputs agree."""
     flight = emulate(folder, target)
     about = json.loads((folder / "export.json").read_text())
     tolerance = np.array([about["tolerance"][n] for n in about["outputs"]])
@@ -312,12 +319,12 @@ def _fly_on_board(folder: Path, target: str) -> tuple[dict[str, Any], bool]:
 def _print_export(result: Mapping[str, Any], out: Path | None) -> None:
     click.echo(
         f"{result['scenario']}: {result['part']} as C in {result['real']} precision, {result['lines']} lines, "
-        f"{result['inputs']} numbers in, {result['outputs']} out"
+        f"{result['inputs']} inputs, {result['outputs']} outputs"
     )
     if "workspace_bytes" in result:
         click.echo(f"  workspace              {result['workspace_bytes']} bytes, provided by the caller")
     if "frame_bytes" in result:
-        click.echo(f"  frame                  {result['frame_bytes']} bytes of stack shared between its parts")
+        click.echo(f"  frame                  {result['frame_bytes']} bytes of stack shared by the C functions")
     if "target" in result:
         _print_board_flight(result)
     if out is not None:
@@ -328,17 +335,17 @@ def _print_board_flight(result: Mapping[str, Any]) -> None:
     cost, worst = result["instructions_per_step"], result["worst"]
     click.echo(f"on {result['target']}, emulated, {result['steps']} steps:")
     click.echo(f"  instructions per step  {cost['least']} … {cost['most']}, median {cost['median']}")
-    click.echo(f"  flash                  {result['flash_bytes']} bytes, and {result['library_bytes']} of libraries")
-    click.echo(f"  RAM                    {result['ram_bytes']} bytes of structs, {result['stack_bytes']} of stack")
+    click.echo(f"  flash                  {result['flash_bytes']} bytes, libraries {result['library_bytes']} bytes")
+    click.echo(f"  RAM                    {result['ram_bytes']} bytes of structs, stack {result['stack_bytes']} bytes")
     _print_worst(worst, result["first_difference"])
 
 
 def _print_worst(worst: Mapping[str, Any], first: Any) -> None:
     if first is not None:
         step, name, got, expected = first
-        click.echo(f"  DIFFERS first at step {step}, {name}: {got!r}, wanted {expected!r}")
+        click.echo(f"  DIFFERS first at step {step}, {name}: got {got!r}, expected {expected!r}")
     else:
-        text = f"within {worst['difference']:.2g}, allowed {worst['tolerance']:.2g}"
+        text = f"{worst['difference']:.2g}, allowed {worst['tolerance']:.2g}"
         click.echo(f"  same outputs           largest difference: {worst['output']}, {text}")
 
 
@@ -357,7 +364,7 @@ def _check_export(folder: Path, target: str, as_json: bool) -> bool:
         print_json(verdict._asdict() | {"folder": str(folder), "worst": worst, "all": verdict.worst} | board)
         return verdict.good and is_good_there
     sanitized = (
-        "clean under address and undefined-behaviour sanitizers" if verdict.sanitized else "sanitizers not available"
+        "no errors from address and undefined-behaviour sanitizers" if verdict.sanitized else "sanitizers not available"
     )
     click.echo(f"{folder}: compiled without a warning, {sanitized}")
     click.echo(f"  steps                  {verdict.steps}, stack of a step {verdict.stack_bytes} bytes")
@@ -368,10 +375,11 @@ def _check_export(folder: Path, target: str, as_json: bool) -> bool:
 
 
 def find_function(name: str) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
-    """Return the function ``file.py:function`` and its example arguments, or None if it is a scenario.
+    """Return the function ``file.py:function`` and example arguments, or None if the function returns a scenario.
 
-    The example arguments are the tuple `example` in the file, or a dict of such tuples by function name; else the
-    parameters' defaults. A function without example and defaults is taken as a function that returns a scenario.
+    The example arguments are the tuple `example` in the file, or the element for this function in a dict `example`. If
+    the file has no `example`, they are the defaults of the parameters. A function without example and defaults is taken
+    as a function that returns a scenario.
 
     Raises:
         InputError: an `example` that is neither a tuple nor a dict of tuples.

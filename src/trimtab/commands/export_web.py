@@ -1,4 +1,4 @@
-"""`trimtab export --wasm`: a page that simulates the closed loop of a scenario, with sliders."""
+"""`trimtab export --wasm`: write a web page with sliders that simulates the closed loop of a scenario."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "--slider delay=0:0.3"
 OTHERS = ("target", "real", "part", "steps", "fly")
-"""Options of `trimtab export` that do not apply to a page."""
+"""Options of `trimtab export` that cannot be combined with --wasm."""
 
 
 def write_web_flight(
@@ -32,13 +32,13 @@ def write_web_flight(
     without: tuple[str, ...],
     **_: Any,
 ) -> None:
-    """Write the page of a closed loop, its WebAssembly program and its description, and print their sizes."""
+    """Write the web page of a closed loop, with WebAssembly program and description, and print their file sizes."""
     from trimtab.export.web_assembly import export_web, write_web_page  # these modules import JAX
     from trimtab.scenarios.build import build
 
     _refuse_other_choices()
     if out is None:
-        raise InputError("export --wasm", "no folder is named", fix="--out page")
+        raise InputError("export --wasm", "--out DIR is missing", fix="--out page")
     built = build(scenario, settings, without)
     enable_cache()
     made = []
@@ -85,12 +85,12 @@ def _parse_slider(scenario: "Scenario", text: str) -> "tuple[Scenario, Slider]":
     except ValueError:
         low = high = np.nan
     if not equals or not low < high:
-        raise InputError("--slider", f"{text!r} is not a name and range", fix=EXAMPLE)
+        raise InputError("--slider", f"{text!r} is not of the form NAME=LOW:HIGH", fix=EXAMPLE)
     link, _, kind = name.rpartition("-")
     if kind == "delay" and link in ("", "uplink", "downlink"):
         if low != 0:
             raise InputError(
-                "--slider", f"delay is added to the link's own delay and must start at 0, got {low:g}", fix=EXAMPLE
+                "--slider", f"the delay is added to the link's own and must start at 0, got {low:g}", fix=EXAMPLE
             )
         return delay_slider(scenario, high, link or "uplink")
     path = f"world.{link or 'uplink'}.loss" if kind == "loss" and link in ("", "uplink", "downlink") else name

@@ -1,4 +1,4 @@
-"""`trimtab falsify`: search for the worst run within given bounds, and write a file that repeats it."""
+"""`trimtab falsify`: search for the worst run within given bounds, and write a scenario file that repeats this run."""
 
 import shlex
 import sys
@@ -39,20 +39,20 @@ from trimtab.core.cache_folder import enable_cache
 @FAULT_RANGE
 @VARY
 @SUCCESS
-@RUNS(5000, "Number of runs (maximum).")
+@RUNS(5000, "Maximum number of runs.")
 @click.option(
     "--words",
     type=click.IntRange(1),
     default=4,
     show_default=True,
-    help="Number of runs per candidate, each with its own random numbers.",
+    help="Number of runs per candidate, each with different random numbers.",
 )
 @click.option(
     "--over",
     type=click.Choice(("worst", "mean")),
     default="worst",
     show_default=True,
-    help="Judge a candidate by the worst or by the mean of its runs.",
+    help="Judge a candidate by the worst or by the mean margin of its runs.",
 )
 @click.option("--until-first", is_flag=True, help="Stop at the first failure.")
 @FLIGHT
@@ -87,10 +87,10 @@ def command(
     files = [file for file in (out, plot) if file is not None]
     again = "" if out is None else _replay_command(out, options["seed"], worst)
     if out is not None:
-        conditions = "; ".join(options["success"]) or "each target reached and kept"
+        conditions = "; ".join(options["success"]) or "each target is reached and kept"
         about = (
-            f"The worst run of {scenario} that a search found: margin {worst.margin:.6g}.\n\n"
-            f"Wanted: {conditions}.\n{worst.flown_runs} runs were flown. To repeat it:\n\n    {again}"
+            f"The worst run of {scenario} that a search found, with margin {worst.margin:.6g}.\n\n"
+            f"Required: {conditions}.\n{worst.flown_runs} runs were flown. To repeat this run:\n\n    {again}"
         )
         write_scenario(out, worst.plan, worst.values, about)
     if plot is not None:
@@ -137,7 +137,7 @@ def _print_worst(scenario: str, worst: FalsificationResult) -> None:
         f"FAILS, first failure after {after}" if worst.fails else "no failure found, which is not a proof of safety"
     )
     click.echo(f"{scenario}: {verdict}")
-    click.echo(f"margin of the worst run {worst.margin:.6g}; {worst.flown_runs} runs flown in {worst.wall_s:.1f} s")
+    click.echo(f"margin of the worst run: {worst.margin:.6g}; {worst.flown_runs} runs flown in {worst.wall_s:.1f} s")
     width = max(map(len, worst.values))
     for path, value in worst.values.items():
         click.echo(f"  {path:<{width}}  {np.array2string(np.asarray(value), precision=8)}")

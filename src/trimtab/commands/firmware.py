@@ -1,4 +1,4 @@
-"""`trimtab firmware`: a scenario's vehicle as C for a microcontroller, and its run on an emulated board."""
+"""`trimtab firmware`: export a scenario's vehicle as C for a microcontroller, and run the code on an emulated board."""
 
 import shutil
 import subprocess
@@ -46,9 +46,9 @@ def command(
     key: Path | None,
     as_json: bool,
 ) -> None:
-    """Write a scenario's vehicle as C firmware for a microcontroller: world, failsafe, protocol.
+    """Write a scenario's vehicle as C firmware for a microcontroller: simulated world, failsafe and radio protocol.
 
-    On the emulated board the exported world replaces the hardware. All other code is the same as on a real craft.
+    On the emulated board the exported world replaces the hardware. All other code is that of a real craft.
 
     \b
     trimtab firmware hovercraft/forward --out board --emulate 5760

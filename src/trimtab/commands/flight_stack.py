@@ -31,8 +31,8 @@ from trimtab.run.command_pulses import describe_outputs
 class FlightStack(NamedTuple):
     """Flight stack whose autopilot flies the simulated vehicle, e.g. ArduPilot.
 
-    maker: name of the stack.  scheme, place: URI scheme and default address at which the stack expects the simulator.
-    begin: command that starts the autopilot.  channels: maximum number of output channels.
+    maker: name of the flight stack.  scheme, place: URI scheme and default address at which the flight stack expects
+    the simulator.  begin: command that starts the autopilot.  channels: maximum number of output channels.
     open_line: function that opens the listening socket.  physics: class that simulates the vehicle for the autopilot.
     """
 
@@ -94,13 +94,13 @@ CHANNELS = click.option(
     "--channels",
     metavar="N,N,…",
     callback=_parse_channels,
-    help="ArduPilot channel or PX4 output for each element of a command.  [default: 1,2,… in order]",
+    help="ArduPilot channel or PX4 output for each element of the actuator command.  [default: 1,2,… in order]",
 )
 RELEASE = click.option(
     "--release",
     type=float,
     metavar="PULSE",
-    help="Hold the vehicle until a pulse reaches this width, in µs.  [default: until a pulse leaves its rest value]",
+    help="Hold the vehicle until an output pulse reaches this width, in µs.  [default: until a pulse changes]",
 )
 
 
@@ -130,7 +130,7 @@ def choose_line(
             raise click.MissingParameter(ctx=context, param_hint="'--listen'", param_type="option")
         return listen
     if ardupilot is not None and px4 is not None:
-        raise InputError("--px4", "cannot be combined with --ardupilot", fix="leave out --px4, or --ardupilot")
+        raise InputError("--px4", "cannot be combined with --ardupilot", fix="leave one of the two out")
     option, place = ("px4", px4) if ardupilot is None else ("ardupilot", ardupilot)
     stack, door = STACKS[option], f"--{option}"
     for name in SIGNED:
@@ -141,7 +141,7 @@ def choose_line(
     line = f"{stack.scheme}://{place}"
     if not is_local(line):
         problem = f"anyone who reaches {place} could fly the vehicle: {stack.maker}'s frames cannot be signed"
-        raise InputError(door, problem, fix=f"{door} {stack.place}, with {stack.maker} on this machine")
+        raise InputError(door, problem, fix=f"{door} {stack.place}, and run {stack.maker} on this machine")
     return line
 
 
@@ -157,14 +157,14 @@ def serve_stack(
     tell: Callable[[str], None],
     as_json: bool,
 ) -> None:
-    """Simulate the vehicle for one of STACKS until its duration ends or Ctrl-C; print the result, and exit."""
+    """Simulate the vehicle for a flight stack until the duration ends or Ctrl-C, print the result, and exit."""
     stack = STACKS[option]
     link = stack.open_line(parse_uri(line), listen=True)
     try:
         log = None if out is None else new_log(out, "vehicle.mcap")
         vehicle = _compile_vehicle(scenario, seed, channels, release, option, stack.channels, tell)
         physics = stack.physics(scenario, vehicle, link, seed=seed)
-        tell(f"{scenario.name} waits on {line} for  {stack.begin}   Ctrl-C ends it.")
+        tell(f"{scenario.name} waits on {line} for  {stack.begin}   Ctrl-C stops the simulation.")
         machine = current_machine()
         with machine.write_lines(tell) as lines, machine.catch_interrupts() as stop:
             summary = physics.serve(duration=duration, log=log, stop=stop, tell=lines.put, lost_lines=lines.settle)
@@ -205,10 +205,10 @@ def _end(scenario: Scenario, seed: int, summary: PhysicsSummary, maker: str, out
 
 
 def _describe_vehicle(vehicle: PulsedVehicle) -> list[str]:
-    """Return a text about each channel, and a text about the source of the gyro and accelerometer data."""
+    """Return one text for each channel, and one that names the source of the gyro and accelerometer data."""
     lines = [text.partition(": ")[2] for text in describe_outputs(vehicle.outputs)]
     told = [f"channel {c}: {text}" for c, text in zip(vehicle.channels, lines, strict=True)]
-    return [*told, f"gyro and accelerometer: {f'its sensor {vehicle.imu}' if vehicle.imu else 'true motion'}"]
+    return [*told, f"gyro and accelerometer: {f'sensor {vehicle.imu}' if vehicle.imu else 'true motion'}"]
 
 
 def _describe_result(scenario: Scenario, seed: int, summary: PhysicsSummary) -> dict[str, Any]:
@@ -228,7 +228,7 @@ def _describe_result(scenario: Scenario, seed: int, summary: PhysicsSummary) -> 
 
 
 def _print_physics(result: dict[str, Any], maker: str, out: Path | None) -> None:
-    never = f"no frame received from {maker}" if not result["flights"] else "the pulses never left their rest values"
+    never = f"no frame received from {maker}" if not result["flights"] else "no pulse ever left its rest value"
     print_truth(result, out, never)
     for problem in result["problems"]:
         click.echo(f"problem: {problem}")

@@ -1,4 +1,4 @@
-"""Summary of a flight: metrics, last state and flags, and a table of them. It is computed from the log without JAX."""
+"""Summary of a flight, computed from the log without JAX: metrics, last state and flags, and a table of these."""
 
 from collections.abc import Iterable, Mapping
 from math import degrees, isfinite
@@ -21,11 +21,11 @@ from trimtab.loop.model_mismatch import describe_mismatches
 
 ERROR = "world.integration_error"
 MOTIONS = ("velocity", "rate", "speed", "velocity[0]", "velocity[1]", "velocity[2]")
-"""Last parts of the paths of signals that are zero at rest."""
+"""Last parts of the paths of signals that are zero when the vehicle is at rest."""
 FEW = 6
 """Maximum number of elements of a signal in the summary. Larger signals, e.g. of a large swarm, are left out."""
 MOST_SUMMARISED = 200_000_000
-"""Maximum size (bytes) of a log whose metrics are computed: the log of a flight of about 15 minutes."""
+"""Maximum size (bytes) of a log for metrics. A log of this size covers a flight of about 15 minutes."""
 METRICS = {
     "first_reach_s": ("first in band", "s"),
     "settling_s": ("settled", "s"),
@@ -33,15 +33,15 @@ METRICS = {
     "tail_mean": ("tail mean", ""),
     "tail_rms": ("tail rms", ""),
 }
-"""Metric -> heading and unit of its column. An empty unit means that the metric has the unit of the signal."""
+"""Metric -> heading and unit of the table column. An empty unit means that the metric has the unit of the signal."""
 
 
 def summarise_truth(
     file: Path | None, release: int | None, targets: Iterable[Target], end: int | None = None
 ) -> dict[str, Any]:
-    """Return the summary of a vehicle's log under the key "real"; it is None without a log, or if the log is too large.
+    """Return the summary of a vehicle's log under the key "real". The summary is None without a log or for a large log.
 
-    release, end: first and last time (100 ns) that are summarised.
+    release, end: start and end of the summarised interval, in units of 100 ns.
     """
     whole = None if release is None else _read_flight_log(file)
     if whole is None or release is None:
@@ -59,7 +59,7 @@ def summarise_truth(
 
 
 def _read_flight_log(file: Path | None) -> Log | None:
-    """Read the log of a live flight; None without a log, or if the log is too large."""
+    """Read the log of a live flight. Return None without a log, or if the log is too large."""
     if file is None or list_files(file) != [file] or file.stat().st_size > MOST_SUMMARISED:
         return None
     from trimtab.commands.foreign_logs import read_own_log  # imports JAX, which `run` may not need
@@ -68,13 +68,13 @@ def _read_flight_log(file: Path | None) -> Log | None:
 
 
 def assess_estimate(file: Path | None, release: int | None, targets: Iterable[Target]) -> dict[str, Any] | str:
-    """Assess a live flight by the autopilot's estimates, as `assess_targets` does by the truth.
+    """Compare a live flight with its targets, by the autopilot's estimates. `assess_targets` does so by the true state.
 
     Return the verdict, or a text that says why the flight cannot be assessed.
 
     Args:
         file: log of the autopilot.
-        release: time of arming (100 ns).
+        release: time of arming, in units of 100 ns.
         targets: the scenario's targets.
     """
     targets = tuple(targets)
@@ -104,18 +104,18 @@ def assess_estimate(file: Path | None, release: int | None, targets: Iterable[Ta
 
 
 def print_truth(result: dict[str, Any], out: Path | None, never: str) -> None:
-    """Print the result of `summarise_truth`. never: text to print for a vehicle that was not released."""
+    """Print the result of `summarise_truth`. never: text to print if the vehicle was never released for flight."""
     if result["real"] is None and result.get("released_s", 0) is None:
         click.echo(never)
     elif result["real"] is None:
-        why = "the log has several files, is too large, or has no row of the flight"
+        why = "the log consists of several files, is too large, or has no row of the flight"
         click.echo(f"no metrics: {'no log was written' if out is None else why}")
     else:
         print_result(result, result["units"])
 
 
 def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
-    """Return metrics, last state and mode switches of one run."""
+    """Return metrics, last state, number of mode switches and warnings of one run."""
     targets, log = tuple(targets), with_flight(log)
     shown = _choose_signals(log)
     final = {
@@ -144,7 +144,7 @@ def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
 
 
 def assess_targets(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
-    """Return a dict with "on_target" (True if the flight ended on its targets) and "says" (the verdict in words).
+    """Return a dict with "on_target" (True if the flight ended on all targets) and "says" (the verdict in words).
 
     Return None for a scenario without targets. A diverged flight is never on target.
     """
@@ -170,14 +170,14 @@ def _describe_miss(log: Log, target: Target) -> str:
     value, wanted = float(log[path][-1]) * factor, nearest_target_value(log, target) * factor
     unit = "" if unit in ("", "1") else f" {unit}"
     is_inside = abs(value - wanted) <= target.band * factor
-    ends = f"{path.removeprefix('truth.')} ends at {value:.3g}{unit}" + (
+    ends = f"{path.removeprefix('truth.')} ended at {value:.3g}{unit}" + (
         " but did not stay in the band" if is_inside else ""
     )
-    return f"{ends}, wanted {wanted:.3g} within {target.band * factor:.3g}"
+    return f"{ends}, target {wanted:.3g} ± {target.band * factor:.3g}"
 
 
 def _choose_signals(log: Log) -> list[str]:
-    """Return the signals to show in addition to the targets. Angles are shown instead of a quaternion."""
+    """Return the signals to show in addition to those with targets. Angles are shown in place of a quaternion."""
     signals = [p.removeprefix("truth.") for p in log.paths if p.startswith("truth.") and np.size(log[p][:1]) <= FEW]
     flight, said = [p for p in log.paths if p.startswith(FLIGHT)], flight_sources(log)
     preferred = ["surge_velocity", "sway_velocity", "yaw_rate", "heading"]
@@ -188,7 +188,7 @@ def _choose_signals(log: Log) -> list[str]:
 
 
 def summarise_flight(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
-    """Return minimum and maximum height (m), and maximum ground speed (m/s) and tilt (rad), of a flight.
+    """Return minimum and maximum height (m), maximum ground speed (m/s) and maximum tilt (rad) of a flight.
 
     Tilt is the angle between the vehicle's vertical axis and the vertical. settled_s is the settling time of each
     target. Return None for a vehicle without roll and pitch. Unknown values are left out.
@@ -212,7 +212,7 @@ def _greatest(x: Any) -> float:
 
 
 def closest_approach(log: Log) -> dict[str, float] | None:
-    """Return the smallest distance between two craft of a swarm (m) and its time (s); None without a spacing sensor."""
+    """Return the smallest distance (m) between two craft of a swarm and its time (s); None without a spacing sensor."""
     path = next((p for p in log.paths if p.startswith("sensors.") and p.endswith(".spacing")), None)
     if path is None or not len(log):
         return None
@@ -221,7 +221,7 @@ def closest_approach(log: Log) -> dict[str, float] | None:
 
 
 def flag_times(log: Log) -> dict[str, dict[str, float]]:
-    """Return flag -> total time and first time (s) at which the law or an actuator raised this flag."""
+    """Return for each flag of the law or an actuator: total time (s) of being True, and first such time (s)."""
     times: dict[str, dict[str, float]] = {}
     signals = [p for p in log.paths if p.startswith(("law.", "actuators.")) and p in log.declarations]
     for path in [p for p in signals if log.declarations[p].kind == "flag" and log[p].ndim == 1]:
@@ -233,9 +233,9 @@ def flag_times(log: Log) -> dict[str, dict[str, float]]:
 
 
 def worst_step(log: Log) -> dict[str, float | None] | None:
-    """Return the largest ratio of an integration step's error to its tolerance, and the first time it exceeds 1.
+    """Return the largest ratio of an integration step's error to the tolerance, and the first time (s) above 1.
 
-    None if the integration does not estimate its error.
+    Return None if the integration method does not estimate the error.
     """
     if ERROR not in log:
         return None
@@ -246,7 +246,7 @@ def worst_step(log: Log) -> dict[str, float | None] | None:
 
 
 def summarise_monitor(log: Log) -> dict[str, dict[str, Any]]:
-    """Return monitored formula -> final verdict, minimum robustness, and time of the first violation (s)."""
+    """Return for each monitored formula: final verdict, minimum robustness, and time of the first violation (s)."""
     found: dict[str, dict[str, Any]] = {}
     for path in [p for p in log.paths if p.startswith("monitor.") and p.endswith(".verdict") and len(log)]:
         name, verdict = path.split(".")[1], log[path]
@@ -260,7 +260,7 @@ def summarise_monitor(log: Log) -> dict[str, dict[str, Any]]:
 
 
 def non_finite_times(log: Log) -> dict[str, float]:
-    """Return the demands and commands that are not finite although the estimate is valid -> first time (s) of each."""
+    """Return the demands and commands that are not finite although the estimate is valid, with first times (s)."""
     shown = log["estimate.valid"].astype(bool) if "estimate.valid" in log else np.ones(len(log), bool)
     times: dict[str, float] = {}
     for path in [p for p in log.paths if p.startswith(("law.demand", "command.value"))]:
@@ -281,7 +281,7 @@ def divergence_time(log: Log) -> float | None:
 
 
 def metric_units(log: Log, names: Iterable[str]) -> dict[str, str]:
-    """Return signal -> unit, for signals that are named as in a summary, without "truth."."""
+    """Return signal -> unit. Signals are named as in a summary, without the prefix "truth."."""
     log = with_flight(log)
     return {name: log.unit(name if name in log else f"truth.{name}") for name in names}
 
@@ -306,7 +306,7 @@ def _describe_flight(summary: Mapping[str, Any]) -> str:
         said.append(f"NOT settled: {', '.join(missed)}")
     elif times:
         of = "its target" if len(times) == 1 else f"all {len(times)} targets"
-        said.append(f"settled on {of} from {max(times.values()):.4g} s on")
+        said.append(f"settled on {of} from {max(times.values()):.4g} s onwards")
     return ", ".join(said)
 
 
@@ -338,20 +338,20 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
         if step is not None and step["first_s"] is not None:
             size, first = f"up to {step['worst']:.3g} times the tolerance", f"first at {step['first_s']:.4g} s"
             click.echo(
-                f"INTEGRATION ({side}): the estimated error of a step is {size}, {first}: do not trust the results"
+                f"INTEGRATION ({side}): the estimated error of a step is {size}, {first}. Do not trust the results."
             )
-            click.echo("  Fix: --set world.integration.method=rosenbrock, or rk45, or a shorter --set world.max_step")
+            click.echo("  Fix: --set world.integration.method=rosenbrock (or rk45), or a shorter --set world.max_step")
         for name, said in summary.get("monitor", {}).items():
             least, first = said["least_robustness"], said["violated_s"]
             number = "" if least is None else f", least robustness {format_number(least)}"
             begin = "" if first is None else f", first violated at {first:.4g} s"
             click.echo(f"monitor {name} ({side}): {said['verdict']} at the end{number}{begin}")
         for path, first in summary.get("not_finite", {}).items():
-            click.echo(f"NOT FINITE ({side}): {path}, first at {first:.4g} s; the command is invalid then")
+            click.echo(f"NOT FINITE ({side}): {path}, first at {first:.4g} s; the command is invalid at that time")
         if "flight" in summary:
             click.echo(f"flight ({side}): {_describe_flight(summary)}")
         if "closest" in summary:
             distance, at = summary["closest"].values()
-            click.echo(f"closest ({side}): two craft are {distance:.3g} m apart at {at:.4g} s")
+            click.echo(f"closest ({side}): two craft are only {distance:.3g} m apart at {at:.4g} s")
         if summary["lost_s"] is not None:
             click.echo(f"LOST ({side}): the state is not finite from {summary['lost_s']:.4g} s on")

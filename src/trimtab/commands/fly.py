@@ -1,4 +1,4 @@
-"""`trimtab fly`: an autopilot in real time that flies the vehicle at the other end of a link."""
+"""`trimtab fly`: run an autopilot in real time that flies a vehicle at the other end of a radio link."""
 
 import dataclasses
 import shlex
@@ -74,17 +74,17 @@ from trimtab.scenarios.build import build
     type=click.Choice([STORED_CLOCK, COMPUTER_CLOCK, VEHICLE_CLOCK]),
     default=STORED_CLOCK,
     show_default=True,
-    help="Clock for signatures: continue the stored clock, reset it from this computer's, or follow the vehicle's.",
+    help="Clock for signatures: continue the stored clock, use this computer's clock, or follow the vehicle's clock.",
 )
 @click.option(
     "--accept",
     "accepts",
     multiple=True,
     metavar="PATH",
-    help="Fly although this setting or group has another value in the vehicle than in the scenario. May be repeated.",
+    help="Fly although this setting or group of settings differs between vehicle and scenario. May be repeated.",
 )
 @click.option("--take-over", is_flag=True, help="Take over the vehicle if another autopilot flies it.")
-@click.option("--rearm", is_flag=True, help="Confirm arming again after a failsafe. The vehicle must be at rest.")
+@click.option("--rearm", is_flag=True, help="Allow arming after a failsafe. The vehicle must be at rest.")
 @click.option(
     "--overrun",
     type=click.Choice(OVERRUN_POLICIES),
@@ -97,7 +97,7 @@ from trimtab.scenarios.build import build
 @PARAMETERS
 @LOG_LIMIT
 @click.option(
-    "--console", "with_console", is_flag=True, help="Serve a pilot's page for a browser, and print its address."
+    "--console", "with_console", is_flag=True, help="Serve a web page for the pilot, and print the page's address."
 )
 @PLACE
 @JSON
@@ -262,7 +262,7 @@ def _fly_real_time(
 
 
 def _assess(log: Path | None, release: int | None, scenario: Scenario) -> dict[str, Any]:
-    """Return the verdict on a flight by the autopilot's estimates, or None and the reason."""
+    """Return the verdict on the targets by the autopilot's estimates, or else None and the reason."""
     found = assess_estimate(log, release, scenario.targets)
     return {"verdict": None, "no_verdict": found} if isinstance(found, str) else {"verdict": found, "no_verdict": None}
 
@@ -280,15 +280,15 @@ def _print_flight(result: Mapping[str, Any], granted: str) -> None:
     counts, log = result["wire"], result["log"]
     click.echo(f"frames: {counts['sent']} sent, {counts['accepted']} accepted, {counts['lost']} lost in transit")
     if counts["disordered"]:
-        click.echo(f"{counts['disordered']} frames were numbered out of order: their losses are unknown")
+        click.echo(f"{counts['disordered']} frames had sequence numbers out of order, so losses among them are unknown")
     for problem in result["problems"]:
         click.echo(show_controls(f"problem: {problem}", KEPT))
     if log is not None and (log["dropped"] or log["unwritten"]):
-        click.echo(f"log: {log['dropped']} rows lost for lack of memory, {log['unwritten']} for lack of disk space")
+        click.echo(f"log: {log['dropped']} rows lost for lack of memory, {log['unwritten']} rows for lack of disk")
 
 
 def _print_deadlines(deadlines: Mapping[str, Any], granted: str) -> None:
-    """Print the timing of the control periods, and the number of overruns."""
+    """Print the timing of the control periods and the number of overruns."""
     n = deadlines["work"]["n"]
     title, first = f"{n} periods of {deadlines['period']}, {granted}", "time (us)"
     table = new_table(first, ">median", ">99 %", ">99.9 %", ">longest", title=title, unwrapped=(first,))
@@ -299,6 +299,6 @@ def _print_deadlines(deadlines: Mapping[str, Any], granted: str) -> None:
     print_table(table)
     over, skipped = deadlines["overruns"], deadlines["skipped"]
     click.echo(
-        f"overruns: {over['own_work']} because of trimtab, {over['scheduler']} because of the operating system; "
+        f"overruns: {over['own_work']} caused by trimtab, {over['scheduler']} caused by the operating system; "
         f"skipped periods: {skipped}"
     )

@@ -1,4 +1,4 @@
-"""Reading of other systems' logs with a mapping, lists of their topics, and choice of the estimator for a replay."""
+"""Reading of other systems' logs with a mapping, list of a log's topics, and choice of the estimator for a replay."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,7 +28,7 @@ def read_own_log(file: Path) -> Log:
 
 
 def read_any_log(file: Path, mapping: Path | None, *, quiet: bool = False) -> Log:
-    """Read a log of trimtab, or a foreign log with its mapping.
+    """Read a log of trimtab, or a log of another system with a mapping.
 
     Args:
         file: log file.
@@ -63,12 +63,12 @@ def _print_topics(title: str, topics: list[TopicSummary]) -> None:
 
 
 def scenario_estimator(name: str, settings: Mapping[str, str]) -> Any:
-    """Return the estimator of a scenario that is built with these settings."""
+    """Return the estimator of a scenario. settings: settings of the scenario."""
     return build(name, settings).autopilot.estimator
 
 
 def check_choice(mapping: Path | None, scenario: str | None, estimator: str | None, settings: Any, parts: Any) -> None:
-    """Check that options of `trimtab replay` are not in conflict.
+    """Check that the options of `trimtab replay` do not conflict.
 
     Raises:
         InputError: conflicting or missing options, with the fix.
@@ -76,18 +76,16 @@ def check_choice(mapping: Path | None, scenario: str | None, estimator: str | No
     if mapping is None:
         if settings:
             fix = "use --with PATH=VALUE, which changes the recorded autopilot"
-            raise InputError("--set", "needs --map: it changes the scenario of a foreign log", fix=fix)
+            raise InputError("--set", "needs --map, because --set changes the scenario of a foreign log", fix=fix)
         return
     if (scenario is None) == (estimator is None):
-        problem = "exclude each other" if scenario else "a foreign log contains no estimator, and none is given"
-        fix = (
-            "give one of the two options: --scenario SCENARIO, whose estimator is taken, or --estimator module:factory"
-        )
+        problem = "exclude each other" if scenario else "a foreign log contains no estimator, so one must be given"
+        fix = "give --scenario SCENARIO, to use the scenario's estimator, or --estimator module:factory"
         raise InputError("--scenario, --estimator", problem, fix=fix)
     if parts:
         raise InputError(
             "--with",
-            "cannot be combined with --map: it changes the autopilot of a trimtab log",
+            "cannot be combined with --map, because --with changes the autopilot of a trimtab log",
             fix="change the scenario: --set PATH=VALUE",
         )
     if settings and scenario is None:

@@ -1,4 +1,4 @@
-"""`trimtab identify`: identify parameters of a scenario's vehicle and actuators from flight logs."""
+"""`trimtab identify`: identify parameters of vehicle and actuators from flight logs."""
 
 import math
 from pathlib import Path
@@ -34,16 +34,21 @@ CHANGED = 3.0
     multiple=True,
     required=True,
     metavar="PATH",
-    help="Parameter to fit: a setting's path, or delay. May be repeated.",
+    help="Parameter to fit: path of a setting, or delay (of the commands). May be repeated.",
 )
 @click.option(
-    "--held-out", "held", multiple=True, type=FILE, metavar="LOG", help="Log for validation only. May be repeated."
+    "--held-out",
+    "held",
+    multiple=True,
+    type=FILE,
+    metavar="LOG",
+    help="Log that is used only for validation. May be repeated.",
 )
 @click.option(
-    "--sensor", metavar="NAME", help="Sensor that measured the vehicle's state.  [default: the only such sensor]"
+    "--sensor", metavar="NAME", help="Logged sensor that measured the vehicle's state.  [default: the only such sensor]"
 )
 @MAP
-@OUT("FILE.toml", "Write the parameters to this calibration file. Its other parameters are kept.")
+@OUT("FILE.toml", "Write the parameters to this calibration file. Other parameters in the file are kept.")
 @SET
 @NAVIGATION
 @JSON
@@ -96,7 +101,7 @@ def _read(file: Path, scenario: Scenario, sensor: str | None, mapping: Path | No
         detect_format(file)  # raises InputError for an unknown format
     own = is_own_log(file)
     if not own and mapping is None:
-        fix = f"--map MAP.toml, which maps its columns; list them with  trimtab replay {file}"
+        fix = f"--map MAP.toml, to map the log's columns to signals; list the columns with  trimtab replay {file}"
         raise InputError(f"log '{file}'", "is a log of another system", fix=fix)
     log = read_own_log(file) if own or mapping is None else read_foreign(file, mapping)
     return read_flight(log, scenario, sensor, file.name)
@@ -127,7 +132,7 @@ def _entry_name(scenario: Scenario, path: str) -> str:
 
 
 def _changes(calibration: Calibration, file: str | None) -> dict[str, float]:
-    """Return parameter -> difference between fit and given calibration file, in standard errors of the difference."""
+    """Return for each parameter the difference between fit and calibration, in standard errors of the difference."""
     if file is None:
         return {}
     new, old = flat_entries(calibration), flat_entries(read_calibration(file))
@@ -166,7 +171,7 @@ def _as_json(scenario: str, found: Identified, changes: dict[str, float]) -> dic
 def _print_unexplained(found: Identified) -> None:
     """Print the measured fields that the fitted model does not explain, and likely reasons."""
     for field, (rms, change) in found.unexplained.items():
-        text = f"not explained: {field}, error {rms:.3g} over {HORIZON:g} s, in which it changes by {change:.3g};"
+        text = f"not explained: {field}: error {rms:.3g} over {HORIZON:g} s, while the field changes by {change:.3g};"
         click.echo(
             f"{text} check unit, sign and axis of this field and of the commands, and that the log is of this vehicle"
         )
@@ -174,12 +179,10 @@ def _print_unexplained(found: Identified) -> None:
         fields = ", ".join(f"{field} (correlation {value:.2f})" for field, value in found.correlated.items())
         click.echo(f"not white: errors of {fields} are correlated in time, as in a navigation system")
         click.echo(
-            "between its corrections. The law responds to these errors, and the fit takes errors and response for"
+            "between its corrections. The law responds to these errors, and the fit mistakes errors and response for"
         )
-        click.echo(
-            "motion of the vehicle. So parameters and intervals are not valid. Log a sensor with independent errors,"
-        )
-        click.echo("such as motion capture, and fit to this sensor: --sensor NAME")
+        click.echo("motion of the vehicle. The fitted parameters are not valid. Log a sensor with independent errors,")
+        click.echo("such as motion capture, and select this sensor with --sensor NAME")
 
 
 def _print_found(scenario: str, found: Identified, changes: dict[str, float]) -> None:
@@ -194,10 +197,10 @@ def _print_found(scenario: str, found: Identified, changes: dict[str, float]) ->
     print_table(table)
     for group in found.groups:
         if len(group) > 1:
-            click.echo(f"not separable: {', '.join(group)}; fit one of them, and measure the others on a bench")
+            click.echo(f"not separable: {', '.join(group)}; fit only one of them, and measure the others on a bench")
         else:
             click.echo(
-                f"has no effect in this data: {', '.join(group)}; fly a manoeuvre that excites it, or do not fit it"
+                f"no effect in this data: {', '.join(group)}; fly another manoeuvre, or do not fit this parameter"
             )
     if found.held_out:
         table = new_table(

@@ -27,8 +27,8 @@ def command(
 ) -> None:
     """Inject a fault into a simulated vehicle in flight.
 
-    FAULT has the form WHERE WORD [by NUMBER] [@ TIME] [for TIME]. The time after @ counts from now. WHERE: sensor:NAME,
-    downlink, uplink, actuators. WORD: off, stuck, garbage, wrong, slow, delayed, intermittent.
+    FAULT has the form WHERE WORD [by NUMBER] [@ TIME] [for TIME]. The time after @ counts from now. WHERE is
+    sensor:NAME, downlink, uplink or actuators. WORD is off, stuck, garbage, wrong, slow, delayed or intermittent.
 
     \b
     trimtab inject hovercraft/forward 'sensor:navigation off for 1 s' --link udp://127.0.0.1:14550

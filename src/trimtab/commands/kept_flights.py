@@ -1,7 +1,8 @@
-"""Storage of a search's runs in the folder of ``--store``, or else in the cache, so that Ctrl-C loses no runs.
+"""Storage of a search's runs in the folder of ``--store``, or else in the cache, so that no runs are lost after Ctrl-C.
 
-The cached folder belongs to the typed command, and is deleted when the command has finished. Runs of a scenario in the
-user's own file are stored only with ``--store``, because changes in modules that the file imports would go unnoticed.
+Each typed command has a separate folder in the cache, which is deleted when the command has finished. Runs of a
+scenario in the user's own file are stored only with ``--store``, because changes in modules that the file imports would
+go unnoticed.
 """
 
 import hashlib
@@ -16,12 +17,12 @@ from trimtab.core.cache_folder import cache_folder
 
 FOLDER = "searches"
 LIMIT = 20
-"""Maximum number of stopped searches in the cache. The oldest ones beyond this number are deleted."""
+"""Maximum number of stopped searches in the cache. If there are more, the oldest are deleted."""
 
 
 @contextmanager
 def keep_flights(scenario: str, store: Path | None) -> Iterator[Path | None]:
-    """Yield the folder of the runs, or None if runs are not stored.
+    """Yield the folder in which the runs are stored, or None if runs are not stored.
 
     After Ctrl-C, report whether the runs are stored.
     """

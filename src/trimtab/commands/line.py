@@ -1,4 +1,4 @@
-"""Functions shared by `vehicle`, `fly` and `inject`: the link, its key and its endpoint."""
+"""Functions shared by the subcommands `vehicle`, `fly` and `inject`: radio link, signing key and MAVLink endpoint."""
 
 import contextlib
 import ipaddress
@@ -22,15 +22,15 @@ from trimtab.scenarios import catalogue
 VEHICLE, AUTOPILOT, INJECTOR = (1, 1), (1, 191), (1, 192)
 """MAVLink system and component IDs of vehicle, autopilot and injector."""
 LIVE_CHOICES = {"supervisor": "automatic", "stick": "console"}
-"""Default settings of a scenario in real time, which the user may change."""
+"""Settings of a scenario in real time. The user may override them."""
 DATAGRAMS = ("udp",)
 QUICK_LINES = ("udp", "tcp", "loopback")
 QUICK_TRANSFER, SLOW_TRANSFER = 200e3, 4e3
-"""Maximum rates of a file transfer (bytes/s): over a network, and over radio or serial (a third of 115200 baud)."""
+"""Maximum file transfer rates (bytes/s) over a network, and over a radio or serial link (a third of 115200 baud)."""
 
 
 def current_machine() -> Machine:
-    """Return the machine on which the command runs: this computer, or the machine stored in the click context."""
+    """Return the machine (clock, files, …) on which the command runs: that in the click context, else this computer."""
     context = click.get_current_context(silent=True)
     return (None if context is None else context.find_object(Machine)) or SYSTEM_MACHINE
 
@@ -49,7 +49,7 @@ def is_local(uri: str) -> bool:
 
 
 def live_settings(scenario: str, names: Sequence[str] = tuple(LIVE_CHOICES)) -> dict[str, str]:
-    """Return the settings in LIVE_CHOICES (supervisor and pilot's stick) that the scenario offers."""
+    """Return the supervisor and stick settings of LIVE_CHOICES, as far as the scenario offers these choices."""
     offered = catalogue.scenario_choices(scenario)
     return {name: LIVE_CHOICES[name] for name in names if LIVE_CHOICES[name] in offered.get(name, ())}
 
@@ -60,7 +60,7 @@ def transfer_rate(uri: str) -> float:
 
 
 def vehicle_name(scenario: str) -> str:
-    """Return the name of the vehicle's signing key: the catalogue's folder, or the name of a file or module."""
+    """Return the name of the vehicle's signing key: the scenario's catalogue folder, or a file or module name."""
     where, own, _ = scenario.partition(":")
     if where.endswith(".fmu"):
         return Path(where).stem
@@ -68,13 +68,13 @@ def vehicle_name(scenario: str) -> str:
 
 
 def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, create: bool) -> SigningKey | None:
-    """Return the key with which both ends sign; None for an unsigned link within this machine.
+    """Return the signing key of a link's two ends, or None for an unsigned link within this machine.
 
     Args:
         scenario: name of the scenario, which determines the vehicle, see `vehicle_name`. Each vehicle has one key.
-        file: path of the key; None: the usual path.
-        unsigned: True to use no key.
-        uri: URI of the link; InputError if it is invalid.
+        file: path of the key file, or None for the default path.
+        unsigned: True for a link without signatures.
+        uri: URI of the link.
         create: True to create a new key if the file is missing.
     """
     parse_uri(uri)
@@ -83,7 +83,7 @@ def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, crea
             problem = f"anyone who reaches {uri} could command the vehicle"
             raise InputError("--unsigned", problem, fix="leave it out, or use udp://127.0.0.1:14550 or loopback://NAME")
         if file is not None:
-            raise InputError("--unsigned", "cannot be combined with --key", fix="leave one of them out")
+            raise InputError("--unsigned", "cannot be combined with --key", fix="leave one of the two out")
         return None
     path = file or key_path(vehicle_name(scenario))
     if path.exists():
@@ -94,7 +94,7 @@ def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, crea
         raise InputError(
             "--key",
             problem,
-            fix=f"{start}  creates it on this computer; otherwise copy the file from the vehicle's computer",
+            fix=f"{start}  creates a key on this computer; otherwise copy the key file from the vehicle's computer",
         )
     key = create_key(path)
     click.echo(f"new key {path}: copy it to the other computer, and keep it secret", err=True)
@@ -104,7 +104,7 @@ def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, crea
 def endpoint_factory(
     line: str, who: tuple[int, int], key: SigningKey | None, clock: str = STORED_CLOCK
 ) -> Callable[[Dialect], Endpoint]:
-    """Return a function that creates the MAVLink endpoint of one end of a link. clock: clock of its signatures."""
+    """Return a function that creates the MAVLink endpoint of one end of a link. clock: clock for the signatures."""
     datagrams, machine = parse_uri(line).scheme in DATAGRAMS, current_machine()
 
     def make(dialect: Dialect) -> Endpoint:
@@ -124,7 +124,7 @@ def endpoint_factory(
 
 @contextlib.contextmanager
 def open_line(uri: str, *, listen: bool) -> Iterator[Link]:
-    """Open a link, and close it at the end of the block."""
+    """Open a link, and close the link at the end of the `with` block."""
     link = current_machine().open_link(uri, listen=listen)
     try:
         yield link

@@ -24,24 +24,24 @@ STATE = click.option(
     "states",
     multiple=True,
     metavar="NAME",
-    help="State to keep; all others are held constant. May be repeated.",
+    help="State to keep. All other states are held constant. May be repeated.",
 )
 INPUT = click.option(
     "--input",
     "inputs",
     multiple=True,
     metavar="NAME",
-    help="Input to keep; all others are held constant. May be repeated.",
+    help="Input to keep. All other inputs are held constant. May be repeated.",
 )
 OUTPUT = click.option(
     "--output",
     "outputs",
     multiple=True,
     metavar="NAME",
-    help="Output to keep; all others are left out. May be repeated.",
+    help="Output to keep. All other outputs are left out. May be repeated.",
 )
 ON_AXIS = 1e-7
-"""Absolute real part of a zero, relative to `Zeros.size`, up to which the zero counts as on the imaginary axis."""
+"""Largest absolute real part, as a fraction of `Zeros.size`, at which a zero counts as on the imaginary axis."""
 
 
 @click.command()
@@ -73,9 +73,9 @@ ON_AXIS = 1e-7
     "round_time",
     type=float,
     metavar="SECONDS",
-    help="With --closed-loop: duration of one round, for a reference on a closed path.",
+    help="With --closed-loop: duration of one lap, for a reference on a closed path.",
 )
-@PLOT("Draw the open-loop frequency response (Bode) to this picture, with --closed-loop.", "picture")
+@PLOT("With --closed-loop: draw the open-loop frequency response (Bode) to this picture.", "picture")
 @WITHOUT
 @OUT("FILE", "Write the matrices A, B, C, D and the names of states, inputs and outputs (JSON).")
 @JSON
@@ -106,11 +106,11 @@ def command(
     trimtab linearise hovercraft/forward --at surge_velocity=1
     trimtab linearise hypersonic --output h --output V --out model.json
     trimtab linearise my_jet.py:system --at speed='150 m/s' --at climb=0
-    trimtab linearise hovercraft/forward --closed-loop --direct --plot bode.png     poles and margins of the whole loop
+    trimtab linearise hovercraft/forward --closed-loop --direct --plot bode.png     poles and margins of the loop
 
-    --closed-loop differentiates the sampled loop itself, without noise, over one common period of all its parts:
-    vehicle, actuators, sensors, links with the packets in transit, estimator and law. Margins are computed exactly from
-    the loop's poles.
+    --closed-loop differentiates the sampled loop itself, without noise, over one common period of all parts of the
+    loop: vehicle, actuators, sensors, links with the packets in transit, estimator and law. Margins are computed
+    exactly from the loop's poles.
     """
     open_loop = {"--at": at, "--state": states, "--input": inputs, "--output": outputs, "--out": out}
     own = {"--direct": direct, "--plot": picture, "--without": without, "--round": round_time}
@@ -177,7 +177,7 @@ def zeros_json(zeros: Zeros) -> list[dict[str, Any]]:
 
 
 def zero_limit(zeros: Zeros) -> float:
-    """Return the absolute real part (1/s) up to which a zero counts as on the imaginary axis."""
+    """Return the largest absolute real part (1/s) at which a zero counts as on the imaginary axis."""
     return ON_AXIS * max(zeros.size, np.finfo(float).tiny)
 
 
@@ -211,7 +211,7 @@ def _print_result(
     left = [n for n in plant.model.outputs if n not in known and not is_chosen]
     if left:
         click.echo(
-            f"left out: {', '.join(left)}, not differentiable here; move the point with --at speed=VALUE --at climb=0"
+            f"left out: {', '.join(left)}, not differentiable here; change the point with --at speed=VALUE --at climb=0"
         )
     for what, weak in (("controllable", gramians.hardly_moved), ("observable", gramians.hardly_seen)):
         click.echo(f"hardly {what} within {horizon:g} s: {weak.words}, {weak.size:.3g} of the strongest direction")

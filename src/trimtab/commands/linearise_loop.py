@@ -16,9 +16,9 @@ from trimtab.run.loop_linearisation import linearise_loop
 from trimtab.run.plant import Plant
 
 SHOWN = 0.05
-"""Minimum participation of a state in a mode for the state to be shown."""
+"""Minimum participation of a state in a mode. States with less are not shown."""
 CUT = 1e-5
-"""Distance between two poles of the sampled loop below which both belong to one group."""
+"""Distance between two poles of the sampled loop below which the two poles belong to one group."""
 
 
 def print_loop(
@@ -58,7 +58,7 @@ def print_loop(
 
 
 def loop_modes(loop: LoopMap) -> list[tuple[complex, complex, list[tuple[str, float]]]]:
-    """Return pole, equivalent continuous pole (1/s) and states of each mode, the slowest first."""
+    """Return for each mode, slowest first: discrete pole, equivalent continuous pole (1/s) and participating states."""
     whole = loop.transition()
     names = [n for n, idle in zip(loop.states, loop.idle, strict=True) if not idle]
     modes = []
@@ -89,7 +89,7 @@ def _loop_json(name: str, loop: LoopMap, margins: LoopMargins | None) -> dict[st
 
 
 def _print_loop(name: str, loop: LoopMap, margins: LoopMargins | None) -> None:
-    click.echo(f"{name}: the whole sampled loop; {len(loop.states)} states, a period of {loop.period:g} s")
+    click.echo(f"{name}: sampled closed loop with {len(loop.states)} states and a period of {loop.period:g} s")
     table = new_table(">|z|", ">continuous [1/s]", ">rad/s", ">damping", "states, by participation")
     for z, s, states in loop_modes(loop):
         text = f"{s.real:+.5g}" + (f" ± {abs(s.imag):.5g}i" if abs(s.imag) > 1e-9 else "")
@@ -99,14 +99,14 @@ def _print_loop(name: str, loop: LoopMap, margins: LoopMargins | None) -> None:
     print_table(table)
     fast = sum(abs(p) <= loop.deadbeat for p in loop.poles())
     if fast:
-        click.echo(f"and {fast} poles at zero, of packets in transit and held values")
+        click.echo(f"and {fast} poles at zero, which belong to packets in transit and held values")
     if margins is None:
         click.echo(f"NOT stable: the state grows by a factor of {loop.growth():.6g} in {loop.period:g} s")
         return
     up = "without upper limit" if math.isinf(margins.gain_up) else f"up to {margins.gain_up:.4g}"
     down = "without lower limit" if margins.gain_down == 0 else f"down to {margins.gain_down:.4g}"
     click.echo(
-        f"all commands together: stable for a gain factor {up}, {down}; delay of the command: "
+        f"all commands changed together: stable for a gain factor {up}, {down}; additional delay: "
         + _delay_text(margins, loop)
     )
     for command, crossings in margins.crossings.items():
@@ -118,8 +118,8 @@ def _print_loop(name: str, loop: LoopMap, margins: LoopMargins | None) -> None:
 
 def _delay_text(margins: LoopMargins, loop: LoopMap) -> str:
     if math.isinf(margins.delay):
-        return "a second and more is stable"
-    return f"{margins.delay * 1e3:g} ms more is stable, {(margins.delay + loop.tick) * 1e3:g} ms is not"
+        return "stable with 1 s and more"
+    return f"stable with {margins.delay * 1e3:g} ms, unstable with {(margins.delay + loop.tick) * 1e3:g} ms"
 
 
 def _plain_name(name: str) -> str:

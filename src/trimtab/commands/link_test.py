@@ -42,7 +42,7 @@ from trimtab.links.latency_trace import write_trace
 from trimtab.plots.link_delays import plot_link_delays
 
 LOADS = ("2.9/41.0", "2.9/22.0", "2.9/16.2")
-"""Data rates up/down in kb/s, from table 5.1 of the thesis."""
+"""Default data rates up/down in kb/s, from table 5.1 of the thesis."""
 MOST_KBPS = 1000.0
 REQUESTS_MIN = 10
 
@@ -52,20 +52,20 @@ REQUESTS_MIN = 10
 @click.option(
     "--echo",
     is_flag=True,
-    help="Act as the far end: echo every packet until Ctrl-C. Port 0 chooses a free port and prints its number.",
+    help="Act as the far end: echo every packet until Ctrl-C. With port 0, a free port is chosen and printed.",
 )
 @click.option(
     "--load",
     "loads",
     multiple=True,
     metavar="UP/DOWN",
-    help="Data rate up and down during the measurement, in kb/s. May be repeated.",
+    help="Load during the measurement: data rates up/down in kb/s. May be repeated.",
 )
 @click.option("--requests", type=int, default=300, show_default=True, help="Number of requests for each load.")
 @click.option("--rate", type=float, default=10.0, show_default=True, help="Requests per second.")
 @SEED
 @PLOT("Draw histograms of the delays to this picture.")
-@OUT("DIR", "Write the table of delays, its picture, recordings and settings to this folder.")
+@OUT("DIR", "Write delay table, histograms, recordings and simulation settings to this folder.")
 @JSON
 def command(
     uri: str,
@@ -80,7 +80,7 @@ def command(
 ) -> None:
     """Measure a link's one-way delays, up and down, under load.
 
-    One end of the link echoes packets, the other end measures. The result is a table, histograms, recordings that
+    One end of the link echoes packets, the other end measures. The results are a table, histograms, recordings that
     `trimtab run` can replay, and a model of the link as settings for `trimtab run`. On one machine both ends share a
     clock. Otherwise the split of the round trip into up and down is estimated.
 
@@ -125,7 +125,7 @@ def _echo_packets(uri: str) -> None:
 
 
 def _choose_port(uri: str) -> str:
-    """Return the address, with port 0 replaced by a free port."""
+    """Return the URI with port 0 replaced by a free port."""
     before, _, port = uri.rpartition(":")
     kind = {"udp": socket.SOCK_DGRAM, "tcp": socket.SOCK_STREAM}.get(uri.partition("://")[0])
     if port != "0" or kind is None:
@@ -158,7 +158,7 @@ def _address_from_elsewhere(uri: str) -> str:
 
 
 def _plan_loads(loads: tuple[str, ...], requests: int, rate: float, seed: int) -> list[LinkTestPlan]:
-    """Return the planned measurements; raise InputError for an invalid load, or too few or too frequent requests."""
+    """Return the planned measurements. Raise InputError for an invalid load, or too few or too frequent requests."""
     if requests < REQUESTS_MIN:
         problem = f"must be at least 10, got {requests}"
         raise InputError(
@@ -178,7 +178,7 @@ def _plan_loads(loads: tuple[str, ...], requests: int, rate: float, seed: int) -
 
 
 def _measure_delays(link: Link, uri: str, plans: list[LinkTestPlan]) -> list[Delays]:
-    """Measure one load after the other; print an error and return an empty list if the far end does not answer."""
+    """Measure one load after the other. If the far end does not answer, print an error and return an empty list."""
     seconds = sum(plan.requests / plan.rate for plan in plans)
     first = format_wait(plans[0].first_patience)
     click.echo(f"the test takes about {format_wait(seconds)}; the other end must answer within {first}", err=True)
@@ -250,9 +250,7 @@ def _print_delays(measured: list[Delays]) -> None:
             table.add_row(load, path, *(f"{v:.2f}" for v in row), lost, fitted)
     print_table(table)
     if not all(delays.has_one_clock for delays in measured):
-        click.echo(
-            "two clocks: their offset is estimated from the fastest round trips; only the round-trip time is certain"
-        )
+        click.echo("the two ends have different clocks with an estimated offset; only round-trip times are certain")
 
 
 def _print_settings(delays: Delays, out: Path | None) -> None:

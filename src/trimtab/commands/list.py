@@ -15,9 +15,11 @@ from trimtab.scenarios import catalogue
 
 @click.command()
 @click.argument("scenario", metavar="[SCENARIO]", required=False)
-@click.option("--toml", "as_toml", is_flag=True, help="Print the scenario as a scenario file.")
+@click.option("--toml", "as_toml", is_flag=True, help="Print the scenario in the format of a scenario file (TOML).")
 @click.option("--schema", "as_schema", is_flag=True, help="Print the JSON schema of scenario files.")
-@click.option("--answers", "as_answers", is_flag=True, help="Print the JSON schema of the --json output of all verbs.")
+@click.option(
+    "--answers", "as_answers", is_flag=True, help="Print the JSON schema of the --json output of all subcommands."
+)
 @JSON
 def command(scenario: str | None, as_toml: bool, as_schema: bool, as_answers: bool, as_json: bool) -> None:
     """List the scenarios, or all settings of one scenario.
@@ -61,7 +63,7 @@ def _print_file(scenario: str | None) -> None:
 
 
 def print_scenarios(names: Mapping[str, str], as_json: bool) -> None:
-    """Print every scenario with the first line of its description."""
+    """Print every scenario with the first line of the description."""
     if as_json:
         print_json({"scenarios": names})
         return
@@ -69,7 +71,7 @@ def print_scenarios(names: Mapping[str, str], as_json: bool) -> None:
     for name, doc in names.items():
         table.add_row(name, doc)
     print_table(table)
-    click.echo(f"run one: trimtab run {next(iter(names))}      its settings: trimtab list {next(iter(names))}")
+    click.echo(f"run one: trimtab run {next(iter(names))}      list its settings: trimtab list {next(iter(names))}")
 
 
 def print_settings(
@@ -81,7 +83,8 @@ def print_settings(
 ) -> None:
     """Print every setting of a scenario (path, value, unit, meaning), and its imperfections.
 
-    arguments: argument of the scenario -> its choices.  lines: argument -> choice -> description, where known.
+    arguments: for each argument of the scenario, the valid choices.  lines: argument -> choice -> description, if
+    known.
     """
     from trimtab.core.record import absent_parts, leaves  # imports numpy, which a list of names does not need
     from trimtab.loop.model_mismatch import belief_mismatches, describe_mismatches
@@ -107,7 +110,7 @@ def print_settings(
         table.add_row(*row)
     for path, declared in absent_parts(scenario):
         fields = ", ".join(p for p, _, _ in leaves(declared.optional))
-        table.add_row(f"{path}.…", "none", "", f"{declared.doc} Setting one of these fields adds the part: {fields}.")
+        table.add_row(f"{path}.…", "none", "", f"{declared.doc} Setting one of these adds this part: {fields}.")
     print_table(table)
     click.echo(f"--without {' | '.join(faults)}")
     if mismatch:

@@ -1,4 +1,4 @@
-"""`trimtab live-faults`: flights of a vehicle and an autopilot with faults in link, processes and computer."""
+"""`trimtab live-faults`: fly a vehicle and an autopilot with faults in radio link, processes and computer."""
 
 import sys
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     metavar="CASE",
     help="Restrict the flights to this case. May be repeated.  [default: all cases]",
 )
-@click.option("--draw", type=click.IntRange(1), metavar="N", help="Fly N flights drawn at random instead of the cases.")
+@click.option("--draw", type=click.IntRange(1), metavar="N", help="Fly N randomly drawn flights instead of the cases.")
 @click.option(
     "--seed",
     type=click.IntRange(0),
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     "--real-time",
     "is_real",
     is_flag=True,
-    help="Ask for flights with real processes in real time, instead of one process in virtual time.",
+    help="Fly with real processes in real time, instead of in one process in virtual time.",
 )
 @click.option(
     "--jobs",
@@ -46,12 +46,12 @@ if TYPE_CHECKING:
     show_default=True,
     help="Number of flights that run at the same time.",
 )
-@OUT("DIR", "Write logs and printed texts to a subfolder of this folder for each case.")
+@OUT("DIR", "Write logs and printed output to this folder, in one subfolder for each case.")
 @click.option(
     "--page",
     type=FILE,
     metavar="FILE",
-    help="Write the docs page with the results. With --only, add the results to the page.",
+    help="Write a docs page with the results to this file. With --only, add the results to an existing page.",
 )
 @JSON
 def command(
@@ -127,14 +127,14 @@ def command(
             + f"; {60 * flights / wall:.0f} flights per minute"
         )
         for what, seconds in _longest_times(outcomes).items():
-            click.echo(f"outputs acted for at most {seconds * 1e3:.0f} ms after {what}")
+            click.echo(f"outputs still acted for at most {seconds * 1e3:.0f} ms after {what}")
         if page is not None:
             click.echo(f"wrote {page}")
     sys.exit(0 if all(one.verdict in ("holds", "skipped") for one in outcomes) else 1)
 
 
 def _choose_names(only: tuple[str, ...], draw: int | None, seed: int, page: Path | None) -> tuple[str, ...]:
-    """Return the names of the cases that the options select; empty: all cases."""
+    """Return the names of the cases that the options select. An empty tuple means all cases."""
     if draw is not None:
         if only or page is not None:
             raise InputError("--draw", "cannot be combined with --only or --page", fix=f"--draw {draw} alone")
@@ -143,14 +143,14 @@ def _choose_names(only: tuple[str, ...], draw: int | None, seed: int, page: Path
 
 
 def _count_kinds(outcomes: "Sequence[CaseOutcome]") -> dict[str, dict[str, int]]:
-    """Return kind of random flights -> name of a count -> count; the last kind is the total."""
+    """Return for each kind of random flight the counts by name. The last kind, "all", has the totals."""
     counts = _import_module("draw").count_kinds({one.name: one for one in outcomes})
     kinds = {kind: count._asdict() for kind, count in counts.items()}
     return kinds | {"all": {name: sum(k[name] for k in kinds.values()) for name in next(iter(kinds.values()))}}
 
 
 def _longest_times(outcomes: "Sequence[CaseOutcome]") -> dict[str, float]:
-    """Return reason for safe outputs -> longest virtual time (s) for which the outputs acted despite this reason."""
+    """Return for each reason to switch the outputs to safe values: longest time (s) for which they still acted."""
     return {
         what: max(one.acted_s.get(what, 0.0) for one in outcomes)
         for what in dict.fromkeys(what for one in outcomes for what in one.acted_s)
@@ -167,5 +167,5 @@ def _print_kinds(kinds: dict[str, dict[str, int]]) -> None:
 
 
 def _import_module(name: str) -> Any:
-    """Import a module of the study that makes these flights. The study is part of a clone of trimtab."""
+    """Import a module of the study `live_faults`, which is in trimtab's source repository."""
     return import_study(find_study("live_faults") / f"{name}.py")

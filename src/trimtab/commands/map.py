@@ -1,4 +1,4 @@
-"""`trimtab map`: region in the plane of two parameters where a scenario succeeds."""
+"""`trimtab map`: find the region in the plane of two parameters where a scenario succeeds."""
 
 import contextlib
 from collections.abc import Iterator, Mapping
@@ -25,7 +25,7 @@ COARSE = 5
 """Default number of values on an axis of the coarse grid."""
 EXAMPLE = "delay=0:0.6"
 KNOWS_NO = "the theory holds for the linear loop without packet loss"
-"""Text about the limits of the theory, shown beside a map."""
+"""Text about the limits of the theory, printed with a map."""
 
 Criteria = tuple[StabilityCriterion, ...]
 
@@ -50,14 +50,14 @@ Criteria = tuple[StabilityCriterion, ...]
     help="Number of times that each cell on the boundary is halved.",
 )
 @click.option(
-    "--threshold", type=click.FloatRange(0, 1), default=0.5, show_default=True, help="Success rate at the boundary."
+    "--threshold", type=click.FloatRange(0, 1), default=0.5, show_default=True, help="Success rate on the boundary."
 )
 @click.option(
     "--swing",
     type=click.FloatRange(0),
     default=SWING,
     show_default=True,
-    help="Without --success: largest accepted oscillation at the end, as a fraction of the target band.",
+    help="Without --success: largest accepted oscillation at the end of a run, as a fraction of the target band.",
 )
 @SEED
 @click.option(
@@ -85,8 +85,8 @@ def command(
 ) -> None:
     """Map the region in the plane of two parameters where a scenario succeeds.
 
-    Flies a coarse grid, then halves only the cells that contain the boundary. Axes: delay, jitter or loss of the link,
-    or any parameter by its path. Without --success, every target must stay in its band for the last third of the
+    Flies a coarse grid, then halves only the cells that contain the boundary. An axis is delay, jitter or loss of the
+    link, or any parameter by its path. Without --success, every target must stay in its band for the last third of the
     flight, and its oscillation must be below a tenth of the band (--swing) or decrease. A limit cycle is a failure.
 
     \b
@@ -102,7 +102,7 @@ def command(
     horizontal, vertical = parse_axis("--x", x), parse_axis("--y", y)
     if horizontal.name == vertical.name:
         problem = f"must differ from --x, got {vertical.name!r} for both"
-        raise InputError("--y", problem, fix="give --y another parameter, e.g. --y jitter=0:0.3")
+        raise InputError("--y", problem, fix="choose another parameter for --y, e.g. --y jitter=0:0.3")
     built = build(scenario, settings, without, faults)
     check_picture(plot, None)
     enable_cache()
@@ -132,13 +132,13 @@ def command(
 
 @contextlib.contextmanager
 def _name_axis(axes: Mapping[str, Axis]) -> Iterator[None]:
-    """Change an error about a value of an axis so that it names the option of this axis."""
+    """Change an error about a value of an axis so that the error names the option of this axis."""
     try:
         yield
     except InputError as error:
         for option, axis in axes.items():
             if error.part == axis.name:
-                fix = f"{option} {axis.name}=LOW:HIGH within that range"
+                fix = f"{option} {axis.name}=LOW:HIGH, with both ends in the valid range"
                 raise InputError(f"{option} {axis.name}", error.problem, choices=error.choices, fix=fix) from None
         raise
 
@@ -149,15 +149,15 @@ def _estimate_points(x: Axis, y: Axis, depth: int) -> int:
 
 
 def parse_axis(option: str, text: str) -> Axis:
-    """Parse an axis `name=low:high[:count]`: delay, jitter, loss (of the uplink), downlink-delay, …, or a path.
+    """Parse an axis `name=low:high[:count]`. name: delay, jitter, loss (of the uplink), downlink-delay, …, or a path.
 
-    Values with a percent sign multiply the scenario's own value.
+    Values with a percent sign are relative to the scenario's own value.
     """
     name, equals, span = text.partition("=")
     ends = span.split(":")
     if not equals or len(ends) not in (2, 3):
         raise InputError(
-            option, f"{text!r} is not a name and range", fix=f"{option} {EXAMPLE}, or {option} {EXAMPLE}:7"
+            option, f"{text!r} is not of the form NAME=LOW:HIGH", fix=f"{option} {EXAMPLE}, or {option} {EXAMPLE}:7"
         )
     percent = all(e.endswith("%") for e in ends[:2])
     try:
@@ -167,8 +167,8 @@ def parse_axis(option: str, text: str) -> Axis:
         fix = f"{option} {name}=0:0.6 in SI units, or {option} {name}=50%:200%"
         raise InputError(option, f"{span!r} is not a range of numbers", fix=fix) from None
     if not (np.isfinite([low, high]).all() and low < high and 2 <= count <= 1000):
-        fix = f"{option} {EXAMPLE}, low before high, with 2 to 1000 values in the coarse grid"
-        raise InputError(option, f"the range must rise, got {span!r}", fix=fix)
+        fix = f"{option} {EXAMPLE}, with LOW below HIGH, and 2 to 1000 values in the coarse grid"
+        raise InputError(option, f"LOW must be below HIGH, got {span!r}", fix=fix)
     values = np.linspace(low, high, count)
     link, _, kind = name.rpartition("-")
     if kind in KINDS and link in ("", *LINKS):
@@ -176,7 +176,7 @@ def parse_axis(option: str, text: str) -> Axis:
             must = "between 0 and 1" if kind == "loss" else "at least 0 s"
             raise InputError(option, f"{name} must be {must}, got {span}", fix=f"{option} {name}=0:0.6")
         if percent:
-            raise InputError(option, f"{name!r} does not take a percentage", fix=f"{option} {EXAMPLE}")
+            raise InputError(option, f"{name!r} cannot be given in per cent", fix=f"{option} {EXAMPLE}")
         return axis_of_link(kind, values, link or "uplink")
     if "." not in name:
         choices = [*KINDS, *(f"{one}-{kind}" for one in LINKS for kind in KINDS)]
@@ -186,7 +186,7 @@ def parse_axis(option: str, text: str) -> Axis:
 
 
 def _find_criteria(diagram: StabilityMap) -> tuple[Criteria, str]:
-    """Return the theoretical stability criteria that apply to a map, or the reason why none applies."""
+    """Return the stability criteria of linear theory that apply to a map, or the reason why no criterion applies."""
     try:
         return stability_criteria(diagram), ""
     except InputError as error:
@@ -216,7 +216,7 @@ def _map_json(diagram: StabilityMap, criteria: Criteria) -> dict[str, Any]:
 def _print_map(diagram: StabilityMap, criteria: Criteria, why: str) -> None:
     traced = diagram.traced_boundary
     click.echo(
-        f"{diagram.scenario.name}: {traced.evaluated_points} points flown of {traced.of}, {diagram.runs} runs each,"
+        f"{diagram.scenario.name}: {traced.evaluated_points} of {traced.of} points flown, {diagram.runs} runs each,"
         f" {len(traced.boundary_cells())} cells on the boundary"
     )
     for value in diagram.y.values:
@@ -230,9 +230,9 @@ def _print_map(diagram: StabilityMap, criteria: Criteria, why: str) -> None:
     if len(traced.boundary_cells()) == 0:
         click.echo(_boundary_hint(diagram))
     if criteria:
-        click.echo(f"theory shown: {', '.join(one.name for one in criteria)}; {KNOWS_NO}")
+        click.echo(f"criteria of linear theory: {', '.join(one.name for one in criteria)}; {KNOWS_NO}")
     elif why:
-        click.echo(f"no theory shown: {why}")
+        click.echo(f"no criterion of linear theory: {why}")
 
 
 def _boundary_hint(diagram: StabilityMap) -> str:

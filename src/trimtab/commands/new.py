@@ -1,6 +1,6 @@
-"""`trimtab new`: write a working template of a new part, with a test and a docs page.
+"""`trimtab new`: write a working template of a vehicle, law, sensor or other part, with a test and a docs page.
 
-The files are copies of the tested templates in `trimtab.templates`, with the given name in place of the template's.
+The files are copies of the tested templates in `trimtab.templates`. The given name replaces the template's name.
 """
 
 import ast
@@ -38,7 +38,7 @@ OTHERS = {
     "radio": "link",
     "servo": "actuator",
 }
-"""Other common name of a kind of part -> the kind."""
+"""Synonym for a kind of part -> name of the kind."""
 UNCERTAIN = {
     "vehicle": "world.vehicle.speed",
     "law": "world.vehicle.current.north",
@@ -48,9 +48,9 @@ UNCERTAIN = {
     "actuator": "world.actuators.stages.force.0.friction",
     "scenario": "world.vehicle.mass",
 }
-"""Kind -> a parameter of its template that may vary between runs."""
+"""Kind of part -> parameter in the template that is uncertain, as an example for a campaign."""
 LONGEST = 24
-"""Maximum length of a part's name, so that lines with the name stay within 120 characters."""
+"""Maximum length of a part's name, so that source lines that contain the name stay within 120 characters."""
 
 
 def complete_kinds(context: click.Context, parameter: click.Parameter, start: str) -> list[CompletionItem]:
@@ -65,10 +65,10 @@ def complete_kinds(context: click.Context, parameter: click.Parameter, start: st
 @JSON
 @click.pass_context
 def command(context: click.Context, kind: str, name: str, out: Path | None, as_json: bool) -> None:
-    """Write a working template of your own part, with a test and a docs page, for you to change.
+    """Write a working template of a new part, with a test and a docs page, for you to edit.
 
-    KIND is vehicle, law, sensor, estimator, link, actuator or scenario. NAME.py contains a complete scenario: a vehicle
-    with all that it needs, or another part in a scenario of the catalogue. For a scenario the file is NAME.toml.
+    KIND is vehicle, law, sensor, estimator, link, actuator or scenario. NAME.py contains the part and a
+    complete scenario in which the part is used. For a scenario the file is NAME.toml.
 
     \b
     trimtab new vehicle my_bike
@@ -102,11 +102,11 @@ def check_kind(kind: str, name: str) -> None:
 
 
 def check_name(kind: str, name: str) -> None:
-    """Raise InputError for a name that is a path, not a Python name, reserved, or already used in the file."""
+    """Raise InputError for a name that is a path, not a Python name, reserved, or already used in the template."""
     typed, path = f"trimtab new {kind}", Path(name)
     if len(path.parts) > 1 or name.endswith(("/", ".py", ".toml", ".md")):
         folder = "" if path.parent == Path() else f" --out {shlex.quote(str(path.parent))}"
-        problem = f"{name!r} is a path; give a name, and the folder after --out"
+        problem = f"{name!r} is a path, but NAME must be a name; give the folder with --out"
         raise InputError("NAME", problem, fix=f"{typed} {nearest_name(path.stem)}{folder}")
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) or len(name) > LONGEST:
         problem = f"{name!r} is not a valid name: it must consist of ASCII letters, digits and _, at most {LONGEST}"
@@ -120,7 +120,7 @@ def check_name(kind: str, name: str) -> None:
     for own in (word for word in words if word.startswith(f"My{kind.capitalize()}")):
         given = own.replace(f"My{kind.capitalize()}", class_name(name))
         if given != own and given in words:
-            problem = f"the file already contains a class {given}, the name of the new class"
+            problem = f"the template already contains a class {given}, which would be the name of the new class"
             raise InputError("NAME", problem, fix=f"{typed} {nearest_name(f'my_{name}')}")
 
 
@@ -130,7 +130,7 @@ def check_unused(kind: str, name: str, folder: Path) -> None:
     places = [place for place in sys.path if Path(place).resolve() not in own]
     found = None if name in sys.stdlib_module_names else PathFinder.find_spec(name, places)
     if name in sys.stdlib_module_names or (found is not None and found.loader is not None):
-        problem = f"there is a module {name!r}, which {name}.py would hide"
+        problem = f"a Python module {name!r} exists, and {name}.py would hide it"
         raise InputError("NAME", problem, fix=f"trimtab new {kind} {nearest_name(f'my_{name}')}")
 
 
@@ -149,7 +149,7 @@ def class_name(name: str) -> str:
 
 
 def read_words(kind: str) -> set[str]:
-    """Return the Python names used in the template of a kind of part."""
+    """Return the Python identifiers used in the template of a kind of part."""
     if kind == "scenario":
         return set()
     nodes = list(ast.walk(ast.parse((TEMPLATES / main_file(kind)).read_text(encoding="utf-8"))))
@@ -163,7 +163,7 @@ def main_file(kind: str) -> str:
 
 
 def read_files(kind: str, name: str) -> dict[str, str]:
-    """Return file name -> text of the files of a new part, with the part's name in place of the template's."""
+    """Return file name -> text of the files of a new part. The part's name replaces the template's name."""
     own = {
         f"my_{kind}": name,
         f"My{kind.capitalize()}": class_name(name),
@@ -177,7 +177,7 @@ def read_files(kind: str, name: str) -> dict[str, str]:
 
 
 def _check_places(kind: str, name: str, folder: Path, files: Mapping[str, str], overwrite: bool) -> None:
-    """Raise InputError if a file exists, unless overwriting is allowed."""
+    """Raise InputError if one of the new files exists already, unless overwriting is allowed."""
     for file in files:
         place = folder / file
         if place.is_dir() or (place.exists() and not overwrite):
@@ -187,15 +187,15 @@ def _check_places(kind: str, name: str, folder: Path, files: Mapping[str, str], 
 
 
 def next_commands(kind: str, place: Path) -> dict[str, str]:
-    """Return the next commands to type -> their purpose."""
+    """Return command to type next -> purpose of the command."""
     flown = f"{place}.toml" if kind == "scenario" else f"{place}.py:scenario"
     test = place.with_name(f"test_{place.name}.py")
     missing = "" if importlib.util.find_spec("pytest") else f"; first  {install_command(package='pytest')}"
     return {
-        f"trimtab run {flown} --plot {place}.png": "simulate it and plot",
+        f"trimtab run {flown} --plot {place}.png": "simulate and plot it",
         f"pytest {test}": f"run its test{missing}",
         f"trimtab list {flown}": "list every setting with its path",
         f"trimtab campaign {flown} --spread '{UNCERTAIN[kind]}=uniform(80%, 120%)'": "success rate over many runs",
-        f"trimtab export {flown} --out {place}-c": "the autopilot as C",
-        f"trimtab export --verify {place}-c": "compile it and compare with a simulated run",
+        f"trimtab export {flown} --out {place}-c": "export the autopilot as C",
+        f"trimtab export --verify {place}-c": "compile the C code and compare with a simulated run",
     }

@@ -1,4 +1,4 @@
-"""Options and arguments that several verbs share, and the functions that parse them."""
+"""Options and arguments shared by several subcommands, with the functions that parse them."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,20 +15,20 @@ from trimtab.scenarios import catalogue
 
 FILE = click.Path(path_type=Path)
 CALIBRATION = "trimtab.calibration"
-"""Key of the click context's entry that stores the file of ``--calibration``."""
+"""Key under which the click context stores the file of ``--calibration``."""
 REFERENCE = "trimtab.reference"
-"""Key of the click context's entry that stores the settings of ``--reference``."""
+"""Key under which the click context stores the settings of ``--reference``."""
 CHOICES = "trimtab.choices"
-"""Key of the click context's entry that stores options with one setting each, e.g. ``--duration``."""
+"""Key under which the click context stores options that change one setting, e.g. ``--duration``."""
 
 
 def parse_settings(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """Parse the texts PATH=VALUE of ``--set`` into a mapping, and add the file of ``--calibration``."""
+    """Parse the texts PATH=VALUE of ``--set`` into a mapping from path to value. Add the file of ``--calibration``."""
     fix = "--set world.vehicle.mass=3.2; trimtab list SCENARIO shows paths"
     settings: dict[str, str] = {}
     for path, value in _split_pairs("--set", "path=value", fix, values):
         if path in settings:
-            problem = f"set twice, to {settings[path]} and to {value.strip()}"
+            problem = f"set twice: to {settings[path]} and to {value.strip()}"
             raise InputError(f"--set {path}", problem, fix=f"keep one of the two, e.g. --set {path}={value.strip()}")
         settings[path] = value.strip()
     file = context.meta.get(CALIBRATION)
@@ -43,13 +43,13 @@ def parse_parts(context: click.Context, parameter: click.Parameter, values: tupl
 
 
 def keep_references(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> None:
-    """Store the texts of ``--reference``: a path as the setting "reference", a gain's schedule as that gain's value."""
+    """Store the texts of ``--reference``: a path as the setting "reference", a gain's schedule as the gain's value."""
     references: dict[str, str] = {}
     for text in values:
         path, equals, schedule = (word.strip() for word in text.partition("="))
         own = path if equals and "(" not in path else "reference"
         if own in references:
-            raise InputError("--reference", f"{own} is given twice", fix=f"give only one reference for {own}")
+            raise InputError("--reference", f"{own} is given twice", fix=f"keep only one --reference for {own}")
         references[own] = schedule if own == path else text.strip()
     context.meta[REFERENCE] = references
 
@@ -61,33 +61,33 @@ def parse_spreads(context: click.Context, parameter: click.Parameter, values: tu
     paths = tuple(text for text in values if not is_calibration(text))
     for path, distribution in _split_pairs("--spread", "PATH=DISTRIBUTION", fix, paths):
         if path in spread:
-            raise InputError(f"--spread {path}", "is named twice", fix="give only one distribution for each path")
+            raise InputError(f"--spread {path}", "is named twice", fix="keep only one distribution for each path")
         spread[path] = distribution
     return spread
 
 
 def is_calibration(text: str) -> bool:
-    """Return True if a value of ``--spread`` is a calibration file, whose own uncertainties are sampled."""
+    """Return True if a value of ``--spread`` is a calibration file, from whose uncertainties the runs are drawn."""
     return text.endswith(".toml") and "=" not in text
 
 
 def _split_pairs(option: str, form: str, fix: str, values: tuple[str, ...]) -> Iterator[tuple[str, str]]:
-    """Yield path and text of each value PATH=TEXT of an option."""
+    """Split each value PATH=TEXT of an option, and yield path and text."""
     for text in values:
         path, equals, value = text.partition("=")
         if not equals or not path.strip():
-            raise InputError(option, f"{text!r} is not {form}", fix=fix)
+            raise InputError(option, f"{text!r} is not of the form {form}", fix=fix)
         yield path.strip(), value
 
 
 def complete_scenarios(context: click.Context, parameter: click.Parameter, start: str) -> list[CompletionItem]:
-    """Return shell completions for scenarios of the catalogue, or for files if no scenario matches."""
+    """Return shell completions: scenarios of the catalogue, or files if no scenario matches."""
     names = [name for name in catalogue.scenario_files() if name.startswith(start)]
     return [CompletionItem(name) for name in names] or [CompletionItem(start, type="file")]
 
 
 def complete_settings(context: click.Context, parameter: click.Parameter, start: str) -> list[CompletionItem]:
-    """Return shell completions for paths of settings. The first call takes as long as `trimtab list SCENARIO`."""
+    """Return shell completions: paths of settings. The first call takes as long as `trimtab list SCENARIO`."""
     typed = (str(context.params.get("scenario")), *context.args)
     scenario = next((word for word in typed if word in catalogue.scenario_files()), None)
     if scenario is None:
@@ -122,7 +122,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON obje
 
 
 def OUT(metavar: str, help: str, required: bool = False, name: str = "out") -> Callable[..., Any]:
-    """Return a decorator that adds ``--out``, the file or folder that the verb writes, and ``--overwrite``."""
+    """Return a decorator that adds ``--out``, the file or folder that the subcommand writes, and ``--overwrite``."""
 
     def add_options(function: Callable[..., Any]) -> Callable[..., Any]:
         check = _refuse_picture if metavar == "DIR" else None
@@ -133,14 +133,14 @@ def OUT(metavar: str, help: str, required: bool = False, name: str = "out") -> C
 
 
 def _refuse_picture(context: click.Context, parameter: click.Parameter, folder: Path | None) -> Path | None:
-    """Return the folder of ``--out``. Raise InputError if it is the name of a picture."""
+    """Return the folder of ``--out``. Raise InputError if the name is that of a picture."""
     if folder is not None and folder.suffix.lower() in PICTURES:
         raise InputError("--out", f"must name a folder, got {str(folder)!r}", fix=f"--out {folder.with_suffix('')}")
     return folder
 
 
 def PLOT(help: str, name: str = "plot") -> Callable[..., Any]:
-    """Return a decorator that adds ``--plot``, the picture that the verb writes, and ``--overwrite``."""
+    """Return a decorator that adds ``--plot``, the picture that the subcommand writes, and ``--overwrite``."""
 
     def add_options(function: Callable[..., Any]) -> Callable[..., Any]:
         return click.option("--plot", name, type=FILE, metavar="FILE", help=help)(with_overwrite(function))
@@ -154,14 +154,14 @@ MOST_RUNS = 10_000_000
 
 
 class Count(click.IntRange):
-    """Option type of a whole number of runs, which may be written as 1e4 for 10000."""
+    """Option type for a whole number of runs. The number may be written as 1e4 for 10000."""
 
     def __init__(self, least: int, most: int) -> None:
         super().__init__(least, most)
         self.least, self.most = least, most
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Return the number of runs. Raise InputError if it is not whole or out of range."""
+        """Return the number of runs. Raise InputError if the number is not whole or out of range."""
         try:
             number = float(value)
         except ValueError:
@@ -178,7 +178,7 @@ def RUNS(default: int, help: str, least: int = 1) -> Callable[..., Any]:
     return click.option("--runs", type=Count(least, MOST_RUNS), default=default, show_default=True, help=help)
 
 
-# options for the loop and its settings
+# options that change the simulated loop and its settings
 
 
 def SET(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -190,7 +190,7 @@ def SET(function: Callable[..., Any]) -> Callable[..., Any]:
         is_eager=True,  # before --set, whose callback reads it
         expose_value=False,
         callback=lambda context, parameter, file: context.meta.update({CALIBRATION: file}),
-        help="File of trimtab calibrate. Its values are used in the world and in the autopilot's model.",
+        help="File of trimtab calibrate. Its values are used in the simulated world and in the autopilot's model.",
     )
     reference = click.option(
         "--reference",
@@ -240,7 +240,7 @@ DURATION = click.option(
 
 
 def FLIGHT(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of a flight in virtual time: those of ``SET``, ``--navigation``, ``--duration``, ``--fault``."""
+    """Add the options of a flight in virtual time: ``SET``, ``--navigation``, ``--duration`` and ``--fault``."""
     return SET(NAVIGATION(DURATION(FAULT(function))))
 
 
@@ -269,7 +269,7 @@ FAULT_RANGE = click.option(
     "fault_ranges",
     multiple=True,
     metavar="TEXT",
-    help="Fault with varying numbers, e.g. 'downlink off @ 2..10 s for 0.1..2 s'. May be repeated.",
+    help="Fault whose times or sizes vary within ranges, e.g. 'downlink off @ 2..10 s for 0.1..2 s'. May be repeated.",
 )
 VARY = click.option(
     "--vary",
@@ -281,7 +281,7 @@ SUCCESS = click.option(
     "--success",
     multiple=True,
     metavar="TEXT",
-    help="Condition of success, e.g. 'settling:yaw_rate <= 10'. May be repeated; all must hold.",
+    help="Condition for success, e.g. 'settling:yaw_rate <= 10'. May be repeated; all conditions must hold.",
 )
 THREADS = click.option(
     "--threads", type=click.IntRange(1), metavar="N", help="Number of threads.  [default: number of cores]"
@@ -298,14 +298,14 @@ STORE = click.option(
     "--store",
     type=FILE,
     metavar="DIR",
-    help="Store the runs in this folder. The same command started again flies only missing runs.",
+    help="Store the runs in this folder. The same command, started again, flies only the missing runs.",
 )
 
 # options for links
 LINK = click.option("--link", required=True, metavar="URI", help="Link to the vehicle, e.g. udp://127.0.0.1:14550.")
 KEY = click.option("--key", type=FILE, metavar="FILE", help="Signing key of the link.  [default: key of the vehicle]")
 UNSIGNED = click.option(
-    "--unsigned", is_flag=True, help="Disable signatures; allowed only on links within this computer."
+    "--unsigned", is_flag=True, help="Disable signatures. Allowed only on links within this computer."
 )
 REAL_TIME = click.option(
     "--real-time/--no-real-time",
@@ -317,7 +317,7 @@ PARAMETERS = click.option(
     "--parameters",
     type=FILE,
     metavar="FILE",
-    help="File for settings stored by a ground station, read at the start. --set takes precedence.  [default: none]",
+    help="File with settings stored by a ground station, read at the start. --set takes precedence.  [default: none]",
 )
 LOG_LIMIT = click.option(
     "--log-limit",
@@ -339,7 +339,7 @@ def PLACE(function: Callable[..., Any]) -> Callable[..., Any]:
             "--bind",
             default="127.0.0.1",
             show_default=True,
-            help="Address of the console. Addresses beyond this computer need TLS.",
+            help="Address at which the console is served. Addresses beyond this computer need TLS.",
         ),
         click.option("--certificate", type=FILE, metavar="FILE", help="TLS certificate of the console."),
         click.option("--private-key", type=FILE, metavar="FILE", help="Private key of the console's TLS certificate."),
@@ -351,5 +351,5 @@ def PLACE(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 LOCKSTEP = click.option(
-    "--lockstep", is_flag=True, help="Run in virtual time: each end of the link waits for the other end."
+    "--lockstep", is_flag=True, help="Run in virtual time. Each end of the link waits for the other end."
 )

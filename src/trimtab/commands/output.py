@@ -1,4 +1,4 @@
-"""Output of the verbs: JSON, tables and files, with checks of output paths before anything runs."""
+"""Output of the subcommands as JSON, tables and files. Output paths are checked before anything runs."""
 
 import contextlib
 import json
@@ -27,13 +27,13 @@ NARROWEST = 20
 ANSWERS = Path(__file__).with_name("answers.json")
 """JSON Schema of the output of ``--json``."""
 ANSWER_VERSION = 1
-"""Version of the JSON output; increased when an answer loses or changes a field, not when it gains a field."""
+"""Version of the JSON output. It is increased if a field is removed or changed, not if a field is added."""
 
 
 def print_json(result: Mapping[str, Any], files: Iterable[str | Path] = (), verb: str = "") -> None:
-    """Print the answer of a verb: one JSON object on one line, as `ANSWERS` describes it, with any files written.
+    """Print the answer of a subcommand as one JSON object on one line, in the format of `ANSWERS`, with files written.
 
-    verb: name of the verb; empty for the running verb.
+    verb: name of the subcommand, or an empty text for the subcommand that runs.
     """
     names = [str(file) for file in files]
     note_written(names)
@@ -42,12 +42,12 @@ def print_json(result: Mapping[str, Any], files: Iterable[str | Path] = (), verb
 
 
 def compose_answer(verb: str, result: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the answer of a verb: its name with version, then its fields. Non-finite numbers become null."""
+    """Return the answer of a subcommand: its name with version, then the fields. Non-finite numbers become null."""
     return {"answer": f"{verb}/{ANSWER_VERSION}"} | _to_json(result)
 
 
 def _running_verb() -> str:
-    """Return the name of the verb that runs, the word after the program's name."""
+    """Return the name of the subcommand that runs, the word after the program's name."""
     context = click.get_current_context()
     while context.parent is not None and context.parent.parent is not None:
         context = context.parent
@@ -55,7 +55,7 @@ def _running_verb() -> str:
 
 
 def print_schema(schema: Mapping[str, Any]) -> None:
-    """Print a JSON schema on one line, for an editor or a validator."""
+    """Print a JSON schema on one line, e.g. for an editor or a validator."""
     click.echo(json.dumps(schema, allow_nan=False))
 
 
@@ -76,7 +76,7 @@ def print_files(files: Iterable[str | Path]) -> None:
 
 
 def console() -> "Console":
-    """Return a console on standard output; wide enough for a table if it is not a terminal and COLUMNS is not set."""
+    """Return a console on standard output. Without a terminal and COLUMNS, the console is wide enough for any table."""
     from rich.console import Console
 
     screen = Console(highlight=False, soft_wrap=False)
@@ -102,7 +102,7 @@ def new_table(*headings: str, title: str | None = None, unwrapped: Sequence[str]
 
 
 def print_table(table: "Table") -> None:
-    """Print a table; if it is too wide, wrap headings and words, but never numbers.
+    """Print a table. If the table is too wide, wrap headings and words, but never numbers.
 
     A table that still does not fit is printed row by row. Control characters in cells are shown as escapes.
     """
@@ -126,11 +126,11 @@ def print_table(table: "Table") -> None:
 
 
 GAPS = ((0, 1), (0, 0))
-"""Padding of table cells (lines, characters): normal, and for a narrow terminal."""
+"""Padding of table cells as (lines, characters), first the normal one, then that for a narrow terminal."""
 
 
 def _fit_columns(table: "Table", screen: "Console") -> bool:
-    """Set the widths of the columns so that the table fits the terminal; return False if it cannot fit."""
+    """Set the column widths so that the table fits the terminal. Return False if the table cannot fit."""
     least, longest = zip(*(_column_widths(column, screen) for column in table.columns), strict=True)
     for padding in GAPS:
         edges = 2 + (1 + 2 * padding[1]) * (len(least) - 1)
@@ -156,7 +156,7 @@ def _column_widths(column: "Column", screen: "Console") -> tuple[int, int]:
 
 
 def format_number(value: float | None) -> str:
-    """Format a number with few digits for a table; return a dash for None."""
+    """Format a number with few digits for a table. Return a dash for None."""
     if value is None:
         return "-"
     if abs(value) >= 1e7:
@@ -181,7 +181,7 @@ def check_picture(picture: Path | None, out: Path | None) -> None:
 
 
 def check_out(option: str, file: Path, example: str = "") -> None:
-    """Raise InputError if a file cannot be written, or exists and belongs to the user. example: valid file name."""
+    """Raise InputError if a file cannot be written, or is a file of the user. example: valid file name for errors."""
     check_folder(option, file.parent)
     if file.is_dir():
         raise InputError(option, f"{str(file)!r} is a folder", fix=f"{option} {file / (example or 'result.json')}")
@@ -189,7 +189,7 @@ def check_out(option: str, file: Path, example: str = "") -> None:
 
 
 def check_folder(part: str, folder: Path) -> None:
-    """Raise InputError for a folder that is not writable. Tests this with a temporary file."""
+    """Raise InputError if a folder is not writable, which is tested with a temporary file."""
     missing = [p for p in (folder, *folder.parents) if not p.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -205,7 +205,7 @@ def check_folder(part: str, folder: Path) -> None:
 
 
 def new_log(out: Path, name: str) -> Path:
-    """Return the path of a flight's new log; create its folder if it is missing."""
+    """Return the path of a flight's new log. Create the folder if it is missing."""
     check_folder("--out", out)
     out.mkdir(parents=True, exist_ok=True)
     present = list_files(out / name)
@@ -215,14 +215,14 @@ def new_log(out: Path, name: str) -> Path:
 
 
 def print_log_size(log: Mapping[str, Any] | None) -> None:
-    """Print the size of a flight's log, and its size per minute. log: fields of its `LogFileSummary`, or None."""
+    """Print the size of a flight's log, and the size per minute. log: fields of the log's `LogFileSummary`, or None."""
     if log is not None:
         minute = "" if log["minute_size"] is None else f", {round_size(log['minute_size'])} a minute"
         click.echo(f"log: {round_size(log['size'])}{minute}")
 
 
 def write_text(file: Path, text: str) -> Path:
-    """Write a file atomically; create its folder if it is missing."""
+    """Write a file atomically. Create the folder if it is missing."""
     from trimtab.logs.mcap import replace_file  # imports numpy, which a list of names does not need
 
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -232,7 +232,7 @@ def write_text(file: Path, text: str) -> Path:
 
 
 def draw_plot(file: Path | None, plot: Callable[..., object], *subjects: Any, **options: Any) -> list[Path]:
-    """Draw a picture if a file is named; create its folder if it is missing. Return the files written."""
+    """Draw a picture if a file is named, and create the folder if it is missing. Return the files written."""
     if file is None:
         return []
     file.parent.mkdir(parents=True, exist_ok=True)

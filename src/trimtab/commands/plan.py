@@ -12,16 +12,16 @@ from trimtab.core.cache_folder import enable_cache
 
 @click.command()
 @click.argument("floor", type=FILE, metavar="FLOOR.toml")
-@OUT("FILE.csv", "Write the path as a table: time, north, east, heading.")
-@PLOT("Draw floor, path and flight to this picture.")
+@OUT("FILE.csv", "Write the path to this file, as a table of time, north, east and heading.")
+@PLOT("Draw obstacles, planned path and flight to this picture.")
 @click.option("--speed", type=click.FloatRange(0.05, 1.0), default=0.5, show_default=True, help="Maximum speed, m/s.")
 @JSON
 def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_json: bool) -> None:
     """Plan a path between obstacles within the craft's limits, or explain why no path was found.
 
-    The file gives the size of the floor, circles and polygons as obstacles, the width of the craft, start and goal. A
-    path is searched and smoothed. Then the hovercraft's model flies it within the limits of fan and rudder, and that
-    flight is the plan.
+    The file contains the size of the floor, obstacles (circles and polygons), the width of the craft, start and goal. A
+    path is searched and smoothed. The plan is the flight of the hovercraft's model along this path, within the limits
+    of fan and rudder.
 
     \b
     trimtab plan examples/hall.toml --out plan.csv --plot plan.png
@@ -62,7 +62,7 @@ def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_j
     low, high = result["thrust_N"]
     click.echo(f"{floor}: {result['length_m']:.1f} m in {result['duration_s']:.1f} s, at most {plan.tempo.speed:g} m/s")
     click.echo(
-        f"  clearance              {result['clearance_m']:.2f} m at the closest point, beyond the craft's radius"
+        f"  clearance              {result['clearance_m']:.2f} m between obstacles and craft at the closest point"
     )
     click.echo(f"  thrust                 {low:.2f} … {high:.2f} N, allowed {-plan.law.pull:g} … {plan.law.push:g} N")
     click.echo(

@@ -1,4 +1,4 @@
-"""`trimtab plot`: plot a log, or some of its signals by their paths."""
+"""`trimtab plot`: plot a log, or some signals of the log."""
 
 from pathlib import Path
 
@@ -16,15 +16,15 @@ from trimtab.core.time import parse_time, to_seconds
 @click.argument("file", type=FILE, metavar="LOG")
 @click.argument("signals", nargs=-1, metavar="[PATH…]")
 @PLOT("Draw the signals to this picture (.png, .svg or .pdf).  [default: the log's name with .png]")
-@click.option("--since", metavar="TIME", help="Start of the plot, e.g. '2 s'.")
-@click.option("--until", metavar="TIME", help="End of the plot.")
+@click.option("--since", metavar="TIME", help="Start time of the plot, e.g. '2 s'.")
+@click.option("--until", metavar="TIME", help="End time of the plot.")
 @JSON
 def command(
     file: Path, signals: tuple[str, ...], plot: Path | None, since: str | None, until: str | None, as_json: bool
 ) -> None:
-    """Plot signals of a log by their paths, one panel each; without paths, plot the main signals as `trimtab run` does.
+    """Plot signals of a log, one panel for each path. Without paths, plot the main signals as `trimtab run` does.
 
-    In a path, * stands for any characters. Without --plot the picture is written beside the log.
+    In a path, * stands for any characters. Without --plot the picture is written to the folder of the log.
 
     \b
     trimtab plot flight/run.mcap

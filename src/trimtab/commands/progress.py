@@ -1,4 +1,4 @@
-"""Display of progress, remaining time and expected output size of a verb on standard error."""
+"""Messages on standard error about a subcommand's progress, remaining time and expected output size."""
 
 import math
 import os
@@ -15,15 +15,15 @@ import click
 from trimtab.logs.log_limit import round_size
 
 LARGE = 10_000_000
-"""Minimum size (bytes) of an output file for its expected size to be printed."""
+"""Minimum size (bytes) of an output file. The expected size of smaller files is not printed."""
 EACH = 10.0
 """Time (s) between two lines of progress if standard error is not a terminal."""
 HOUR = 3600.0
-"""Minimum remaining time (s) that is also printed on a permanent line on a terminal."""
+"""Minimum remaining time (s) at which a terminal also shows the remaining time on a permanent line."""
 
 
 def announce_size(what: str, size: float) -> None:
-    """Print the expected size of a large file or folder while it is being written."""
+    """Print the expected size of a large file or folder while the file or folder is being written."""
     if size >= LARGE:
         click.echo(f"{what}: about {round_size(size)}", err=True)
 
@@ -51,7 +51,7 @@ def _can_redraw() -> bool:
 
 @contextmanager
 def show_progress(total: int) -> Iterator[Callable[[str, int], None]]:
-    """Show a transient progress bar on standard error; yield a function of a text and the number of new finished items.
+    """Show a transient progress bar on standard error. Yield a function to call with a text and a number of new items.
 
     If more than an hour remains, the remaining time is printed once on a permanent line. Without a terminal, a line of
     progress is printed every ten seconds.
@@ -117,7 +117,7 @@ def _reminders(say: Callable[[float], None]) -> Iterator[None]:
 
 @contextmanager
 def show_count(total: int, before: str) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar with runs per second; yield a function to call with the number of finished runs.
+    """Show a progress bar with runs per second. Yield a function to call with the number of finished runs.
 
     before: text shown until the first runs are finished.
     """
@@ -133,13 +133,13 @@ def show_count(total: int, before: str) -> Iterator[Callable[[int], None]]:
 
 
 class _Rate:
-    """Rate of runs per second since the first runs finished, without the compilation before."""
+    """Runs per second since the first runs finished. The compilation before is not counted."""
 
     def __init__(self) -> None:
         self.since, self.first, self.most = 0.0, -1, 0
 
     def add(self, done: int) -> tuple[int, str]:
-        """Return the number of newly finished runs, and the rate as text. A run reported twice counts once."""
+        """Return the number of newly finished runs, and runs per second as text. A run reported twice counts once."""
         now, more = time.monotonic(), max(done - self.most, 0)
         self.most = max(self.most, done)
         if self.first < 0:
@@ -149,15 +149,15 @@ class _Rate:
 
 
 class _ProgressLines:
-    """Progress as printed lines; a short task prints none.
+    """Progress as printed lines. A short task prints no lines.
 
-    The remaining time is extrapolated from the items done, without the time for compilation.
+    The remaining time is extrapolated from the finished items. The time for compilation is not counted.
 
     Args:
         total: number of items.
         say: function that prints a line.
-        long: minimum remaining time (s) for which a line is printed.
-        each: time (s) between two lines.
+        long: minimum remaining time (s) at which a line is printed.
+        each: time (s) between two printed lines.
     """
 
     def __init__(self, total: int, say: Callable[[str], None], long: float = 5.0, each: float = EACH) -> None:

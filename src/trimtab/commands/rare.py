@@ -1,4 +1,4 @@
-"""`trimtab rare`: estimate the probability of a rare failure, and write files that repeat two failures."""
+"""`trimtab rare`: estimate the probability of a rare failure, and write scenario files that repeat two failures."""
 
 import shlex
 from pathlib import Path
@@ -30,7 +30,7 @@ from trimtab.commands.written_files import check_new_in
 from trimtab.core.cache_folder import enable_cache
 
 FEW = 20
-"""Minimum number of roots (initial runs) that led to failures, for a trustworthy confidence interval."""
+"""Minimum number of roots (independent initial runs) that led to failures. With fewer, a warning is printed."""
 
 
 @click.command()
@@ -39,22 +39,22 @@ FEW = 20
 @FAULT_RANGE
 @VARY
 @SUCCESS
-@RUNS(100_000, "Number of runs (approximate).")
+@RUNS(100_000, "Approximate number of runs.")
 @FLIGHT
 @WITHOUT
 @SEED
 @THREADS
 @OUT(
     "DIR",
-    "Write finished runs, and scenario files of two failures, to this folder. The same command continues from there.",
+    "Write finished runs, and scenario files of two failures, to this folder. The same command resumes from there.",
 )
 @JSON
 def command(scenario: str, runs: int, out: Path | None, as_json: bool, **options: Any) -> None:
     """Estimate the probability of a failure that is too rare for a plain campaign.
 
-    Uses multilevel splitting: runs descend through levels of the margin, and parameters and noise change a little at
-    each step. The interval is a 95 % confidence interval. With --out the state is stored after each round. The same
-    command continues from there; a larger --runs adds runs.
+    Uses multilevel splitting: from level to level the margin to failure decreases, while parameters and noise are
+    changed a little. The interval is a 95 % confidence interval. With --out the state is stored after each round. The
+    same command resumes from there, and a larger --runs adds runs.
 
     \b
     trimtab rare hovercraft/spin --set duration=3 --spread 'world.vehicle.mass=normal(100%, 5%)' \\
@@ -86,31 +86,31 @@ def command(scenario: str, runs: int, out: Path | None, as_json: bool, **options
 
 
 def _pilot_line(pilot: PilotReport) -> str:
-    """Describe the estimates from the pilot runs, which fly before all other runs."""
+    """Describe the estimates from the pilot: the runs that are flown first to choose the levels."""
     of = pilot.ladder
     return (
         f"pilot, {of.flown} runs: {len(of.levels)} levels, probability about {of.estimate:.1e}; {pilot.runs} more runs,"
-        f" about {pilot.wall_s:.0f} s, for about ±{100 * pilot.width:.0f} %;"
+        f" about {pilot.wall_s:.0f} s, give an interval of about ±{100 * pilot.width:.0f} %;"
         f" a plain campaign would take {plain_runs(of.estimate, pilot.width):.0e} runs"
     )
 
 
 def plain_runs(probability: float, width: float) -> float:
-    """Return the number of runs of a plain campaign for an interval of half width `width` times the probability."""
+    """Return the number of runs with which a plain campaign gets an interval of ± `width` times the probability."""
     return 4 / (probability * width**2)
 
 
 def _write_failures(scenario: str, out: Path, options: dict[str, Any], found: RareResult) -> dict[str, str]:
-    """Write one file for the worst and one for the likeliest failure; return the commands that repeat the failures."""
-    conditions = "; ".join(options["success"]) or "each target reached and kept"
+    """Write a scenario file for the worst and one for the likeliest failure. Return the commands that repeat them."""
+    conditions = "; ".join(options["success"]) or "each target is reached and kept"
     commands = {}
     for name, failure in (("worst", found.worst), ("likeliest", found.likeliest)):
         if failure is not None:
             file = out / f"{name}.py"
             again = shlex.join(["trimtab", "run", f"{file}:scenario", "--seed", str(options["seed"])])
             about = (
-                f"The {name} failure of {scenario} among {found.flown_runs} runs: margin {failure.margin:.6g}.\n\n"
-                f"Wanted: {conditions}. To repeat it:\n\n    {again}"
+                f"The {name} failure of {scenario} among {found.flown_runs} runs, with margin {failure.margin:.6g}.\n\n"
+                f"Required: {conditions}. To repeat this run:\n\n    {again}"
             )
             write_scenario(file, found.plan, failure.values, about, failure.words)
             commands[name] = again
@@ -156,16 +156,16 @@ def _rare_json(scenario: str, seed: int, found: RareResult) -> dict[str, Any]:
 def _print_result(scenario: str, found: RareResult) -> None:
     of = found.probability
     if not found.failing_roots:
-        click.echo(
-            f"{scenario}: none of {found.roots} roots reached a failure through the pilot's levels; use more --runs"
-        )
+        click.echo(f"{scenario}: no failure was reached from {found.roots} initial runs; use more --runs")
     else:
         interval = f"{of.low:.3g} to {of.high:.3g}, {100 * of.level:.0f} %"
         click.echo(f"{scenario}: fails with probability {of.value:.3g} ({interval})")
     drawn = f"{len(found.plan.spread)} parameters" + (" and the noise" if found.has_noise else "; no noise")
-    click.echo(f"{found.flown_runs} runs flown, {found.new_runs} of them new, in {found.wall_s:.1f} s; over {drawn}")
+    click.echo(f"{found.flown_runs} runs flown, {found.new_runs} of them new, in {found.wall_s:.1f} s; varied: {drawn}")
     if 0 < found.failing_roots < FEW:
-        click.echo(f"only {found.failing_roots} roots led to failures: the interval may be too narrow; use more --runs")
+        click.echo(
+            f"only {found.failing_roots} initial runs led to failures: interval may be too narrow; use more --runs"
+        )
     table = new_table(">margin below", ">points", ">share", ">steps accepted")
     before = found.roots
     for k, level in enumerate(found.ladder.levels):

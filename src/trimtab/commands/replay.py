@@ -1,4 +1,4 @@
-"""`trimtab replay`: run the recorded or another autopilot on the frames of a log, and compare the outputs."""
+"""`trimtab replay`: run the recorded or a changed autopilot on the frames of a log, and compare the outputs."""
 
 import importlib
 import sys
@@ -29,7 +29,7 @@ from trimtab.scenarios import catalogue
 from trimtab.scenarios.recorded import rebuild_scenario
 
 PARTS = ("estimator", "law", "allocation")
-"""Parts of an autopilot that can be replaced as a whole."""
+"""Names of the autopilot's parts that --with can replace."""
 
 
 @click.command()
@@ -38,7 +38,7 @@ PARTS = ("estimator", "law", "allocation")
 @click.option(
     "--scenario",
     metavar="SCENARIO",
-    help="Scenario of the log, if not in the catalogue. With --map: scenario whose estimator is run.",
+    help="Logged scenario, if it is not in the catalogue. With --map: scenario whose estimator is run.",
 )
 @click.option(
     "--set",
@@ -46,7 +46,7 @@ PARTS = ("estimator", "law", "allocation")
     multiple=True,
     metavar="PATH=VALUE",
     callback=parse_settings,
-    help="Change a setting of the scenario given by --scenario, with --map. May be repeated.",
+    help="With --map: change a setting of the scenario in --scenario. May be repeated.",
 )
 @click.option(
     "--with",
@@ -59,9 +59,9 @@ PARTS = ("estimator", "law", "allocation")
 @click.option(
     "--estimator",
     metavar="MODULE:FACTORY",
-    help="Estimator to run alone on the samples of any log, without a scenario.",
+    help="Estimator to run on the samples of any log, without a scenario.",
 )
-@OUT("FILE", "Write the log with the estimates added (MCAP), with --estimator or --map.")
+@OUT("FILE", "With --estimator or --map: write the log with the estimates added to this MCAP file.")
 @BACKEND
 @PLOT("Draw the recorded and the replayed signals to this picture.")
 @JSON
@@ -77,10 +77,10 @@ def command(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Replay a recorded flight's frames through its autopilot, and check that the outputs are identical, bit for bit.
+    """Replay the frames of a recorded flight through its autopilot, and check that the outputs are bit-identical.
 
-    If they differ, the first difference is printed, and the exit code is 1. --with replays the frames with another part
-    instead, and prints the errors of both autopilots against the truth, if the log has the truth.
+    If the outputs differ, the first difference is printed, and the exit code is 1. --with replays the frames with
+    another part of the autopilot instead, and prints the errors of both autopilots if the log contains the true state.
 
     \b
     trimtab run hovercraft/forward --navigation ins --out forward
@@ -88,8 +88,8 @@ def command(
     trimtab replay forward/run.mcap --with estimator=ins-coupled --plot both.png
     trimtab replay mine.mcap --estimator my_filters:planar --out estimated.mcap
 
-    For a log of another system (PX4's ULog, ArduPilot's BIN, MCAP, rosbag2, CSV) the topics are listed; with a mapping,
-    an estimator is run on it.
+    For a log of another system (PX4's ULog, ArduPilot's BIN, MCAP, rosbag2, CSV) the topics are listed. With --map an
+    estimator is run on the log.
 
     \b
     trimtab replay flight.ulg
@@ -104,7 +104,9 @@ def command(
         _step_estimator(log, scenario, settings, estimator, backend, out, as_json)
         return
     if out is not None:
-        raise InputError("--out", "a replay of an autopilot writes no log", fix="add --estimator, or leave --out out")
+        raise InputError(
+            "--out", "--out only applies to the replay of an estimator", fix="add --estimator, or leave --out out"
+        )
     recorded = rebuild_scenario(log, scenario)
     autopilot = replace_parts(recorded, choices) if choices else None
     enable_cache()
@@ -134,7 +136,7 @@ def _step_estimator(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Run an estimator alone, given by its own name or by a scenario; print its errors and their consistency."""
+    """Run an estimator alone, named by a factory or by a scenario. Print its errors and their consistency."""
     enable_cache()
     with show_spinner(f"compiling {name or scenario}"):
         if name is None:
@@ -158,7 +160,7 @@ def _step_estimator(
         about = {"steps": len(estimated), "valid": int(valid.sum()), "errors": errors, "navigation": verdict}
         print_json(about | {"backend": estimated.metadata["backend"]}, files)
         return
-    click.echo(f"{len(estimated)} steps, {int(valid.sum())} valid, on {estimated.metadata['backend']}")
+    click.echo(f"{len(estimated)} steps, {int(valid.sum())} with a valid estimate, on {estimated.metadata['backend']}")
     for state, rms in errors.items():
         click.echo(f"  {state}: rms error {rms:.4g}")
     if navigation is not None:
@@ -167,7 +169,7 @@ def _step_estimator(
 
 
 def _state_error(estimated: Log, name: str, truth: Any) -> Any:
-    """Return estimate minus truth; an angle is wrapped to ±pi."""
+    """Return estimate minus true value. The error of an angle is wrapped to ±pi."""
     path = f"estimate.state.{name}"
     error = estimated[path] - truth
     is_angle = path in estimated.declarations and estimated.declarations[path].kind == "angle"
@@ -175,7 +177,7 @@ def _state_error(estimated: Log, name: str, truth: Any) -> Any:
 
 
 def replay_json(replay: Replay) -> dict[str, Any]:
-    """Return the outcome of a replay as plain data for JSON."""
+    """Return the result of a replay as plain data for JSON."""
     first = None
     if replay.first is not None:
         first = {name: v if isinstance(v, str) else float(v) for name, v in replay.first._asdict().items()}
@@ -198,7 +200,7 @@ def replace_parts(scenario: Scenario, choices: Mapping[str, str]) -> Any:
     Args:
         scenario: scenario of the log.
         choices: ``estimator``, ``law`` or ``allocation`` -> a choice of the scenario's function, e.g. ins-coupled, or
-            ``module:factory``; or the path of a setting of these parts -> its value.
+            ``module:factory``. Also path of a setting of these parts -> value.
     """
     autopilot = scenario.autopilot
     for name in PARTS:
@@ -209,7 +211,7 @@ def replace_parts(scenario: Scenario, choices: Mapping[str, str]) -> Any:
 
 
 def _load_part(name: str, choice: str, scenario: str) -> Any:
-    """Return a part of an autopilot: from a choice of the scenario, or from a factory."""
+    """Return a part of an autopilot that is named by a choice of the scenario or by a factory."""
     if ":" in choice:
         return _build_part(name, choice)
     offered = catalogue.scenario_choices(scenario) if scenario in catalogue.scenario_names() else {}
@@ -228,18 +230,18 @@ def _build_part(name: str, choice: str) -> Any:
     try:
         part = getattr(importlib.import_module(where), factory)()
     except (ImportError, AttributeError, TypeError) as error:
-        fix = f"define  def {factory or 'make'}():  in {where}, which returns the {name}"
+        fix = f"define  def {factory or 'make'}():  in {where}, and return the {name} from it"
         if where.endswith(".py"):
             fix = f"name the module, from the folder that contains it: {Path(where).stem}:{factory or 'make'}"
         raise InputError(f"--with {name}", f"cannot load {choice!r}: {error}", fix=fix) from None
     if not is_record(part):
-        problem = f"{choice!r} returns {type(part).__name__}, which is not a record"
-        raise InputError(f"--with {name}", problem, fix="decorate its class with @record")
+        problem = f"{choice!r} returns an object of type {type(part).__name__}, which is not a record"
+        raise InputError(f"--with {name}", problem, fix="decorate the object's class with @record")
     return part
 
 
 def rms_errors(log: Log, replay: Replay) -> dict[str, dict[str, float]]:
-    """Return state -> RMS errors as recorded and as replayed, for the states whose truth is in the log."""
+    """Return rms errors of the recorded and the replayed estimate, for each state whose true value is in the log."""
     errors = {}
     for path in [p for p in replay.recorded_log.paths if p in replay.replayed_log]:
         truth = interpolate_truth(log, path, replay.recorded_log.ticks)

@@ -33,18 +33,20 @@ GroupRows = list[tuple[StudyGroup, list[Row]]]
 
 @click.command()
 @click.argument("study", metavar="[STUDY]", required=False)
-@click.option(
-    "--only", multiple=True, metavar="GROUP", help="Restrict the computation to this group of figures. May be repeated."
-)
+@click.option("--only", multiple=True, metavar="GROUP", help="Compute only this group of figures. May be repeated.")
 @OUT("DIR", "Write the study's pictures to this folder.")
 @click.option(
-    "--report", type=FILE, metavar="DIR", help="Folder for a one-page report: rows, pictures, errata, environment."
+    "--report",
+    type=FILE,
+    metavar="DIR",
+    help="Write a one-page report to this folder: values, pictures, errata, environment.",
 )
 @JSON
 def command(study: str | None, only: tuple[str, ...], out: Path | None, report: Path | None, as_json: bool) -> None:
     """Recompute a publication's figures, and compare printed with computed values.
 
-    Exit code 1 if a value that should be reproduced is not. Without STUDY the studies and their groups are listed.
+    Exit code 1 if a value that should be reproduced is not. Without STUDY, the studies and their groups of figures are
+    listed.
 
     \b
     trimtab reproduce
@@ -77,7 +79,7 @@ def command(study: str | None, only: tuple[str, ...], out: Path | None, report: 
 
 
 def _list_studies(as_json: bool) -> None:
-    """Print every study with its groups of figures."""
+    """Print every study and the study's groups of figures."""
     studies = {name: (read_study_title(folder), list_groups(name)) for name, folder in find_studies().items()}
     if as_json:
         content = {n: {"title": doc, "groups": {g.name: g.title for g in gs}} for n, (doc, gs) in studies.items()}
@@ -91,7 +93,7 @@ def _list_studies(as_json: bool) -> None:
 
 
 def _compute_groups(groups: list[StudyGroup], out: Path | None) -> tuple[GroupRows, dict[str, list[Path]]]:
-    """Return each group with its rows, and group name -> pictures if a folder for pictures is given."""
+    """Return each group of figures with its rows, and group name -> pictures if a folder for pictures is given."""
     results: GroupRows = []
     pictures: dict[str, list[Path]] = {}
     with show_progress(len(groups)) as tell:
@@ -127,13 +129,13 @@ def _write_page(
 
 
 def verdict_counts(rows: Iterable[Row]) -> dict[str, int]:
-    """Return verdict -> number of rows with this verdict."""
+    """Return for each verdict the number of rows (compared values) with this verdict."""
     counts = Counter(row.verdict for row in rows)
     return {verdict: counts[verdict] for verdict in ("holds", "differs", "not reproduced")}
 
 
 def basis_counts(rows: Iterable[Row]) -> dict[str, tuple[int, int]]:
-    """Return basis of comparison -> numbers of rows that hold and of all rows. A basis without rows is left out."""
+    """Return basis of comparison -> number of rows that hold, number of all rows. A basis without rows is left out."""
     holds, all_rows = Counter[str](), Counter[str]()
     for row in rows:
         all_rows[row.basis] += 1
@@ -142,13 +144,13 @@ def basis_counts(rows: Iterable[Row]) -> dict[str, tuple[int, int]]:
 
 
 def confirmation_sentence(rows: Iterable[Row]) -> str:
-    """Return a sentence on how many rows confirm a value or statement of the publication."""
+    """Return a sentence that states how many rows confirm a value or statement of the publication."""
     every = list(rows)
     confirms = sum(row.confirms for row in every)
     own = sum(row.basis not in PUBLISHED for row in every)
     return (
         f"{confirms} of {len(every)} rows confirm a value or statement of the publication; "
-        f"{own} compare with other values, and confirm nothing in the publication."
+        f"{own} rows compare with other values, and confirm nothing in the publication."
     )
 
 
@@ -170,7 +172,7 @@ def _print_groups(study: str, results: GroupRows) -> None:
         _print_rows(f"{group.title}, [1] {group.place}", rows)
     total = verdict_counts(row for _, rows in results for row in rows)
     click.echo(f"[1] {read_study_title(find_study(study))}")
-    click.echo("* compared with something other than the publication; rows by basis:")
+    click.echo("* compared with another source than the publication. Number of rows for each source:")
     every = [row for _, rows in results for row in rows]
     for basis, (holds, n) in basis_counts(every).items():
         click.echo(f"  {basis:10s}{holds:4d} of {n:4d} hold   {BASES[basis]}")
@@ -179,7 +181,7 @@ def _print_groups(study: str, results: GroupRows) -> None:
 
 
 def _print_rows(title: str, rows: list[Row]) -> None:
-    """Print rows of a study with printed and computed values, and a reason for each row that does not hold."""
+    """Print rows of a study: publication's value, computed value, and a reason for each row that does not hold."""
     headings = ("figure", ">printed", ">computed", "accepted", "unit", "verdict", "where")
     table = new_table(*headings, title=title.replace("[", r"\["), unwrapped=("verdict",))
     styles = {"differs": "bold red", "not reproduced": "yellow"}

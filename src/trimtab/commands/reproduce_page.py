@@ -48,11 +48,11 @@ def build_page(
 
     Args:
         title: title of the study.
-        results: groups of figures with their rows.
+        results: groups of figures, each with its rows of compared values.
         summary: "sentence", "verdicts" and "bases", as in the JSON output of `trimtab reproduce`.
-        pictures: name of a group -> files of its pictures.
+        pictures: name of a group -> picture files of the group.
         errata: errata in Markdown; empty if there are none.
-        environment: name -> fact about the run, e.g. version and machine.
+        environment: name of a fact about the run, e.g. the version or the machine -> the fact.
     """
     groups = list(results)
     links = "".join(f'<li><a href="#{escape(g.name)}">{escape(g.name)}</a></li>' for g, _ in groups)
@@ -140,7 +140,7 @@ def _figure(picture: Path) -> str:
     kind = KINDS.get(picture.suffix.lower())
     name = escape(picture.stem.replace("-", " "))
     if kind is None:
-        return f'<p class="small">{escape(picture.name)} cannot be shown in a page.</p>'
+        return f'<p class="small">The picture {escape(picture.name)} has a format that a web page cannot show.</p>'
     data = base64.b64encode(picture.read_bytes()).decode()
     return f'<figure><img alt="{name}" src="data:{kind};base64,{data}"><figcaption>{name}</figcaption></figure>'
 

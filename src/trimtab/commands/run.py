@@ -1,6 +1,6 @@
 """`trimtab run`: simulate a scenario, ideal and real, and show the results.
 
-Nothing that needs JAX is imported at the top of this file, so a refused option is reported at once.
+Nothing that needs JAX is imported at the top of this file, so that an invalid option is reported without delay.
 """
 
 import sys
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 PICTURES = ("tracking", "swarm", "navigation")
-"""Names of additional pictures, drawn beside the picture of --plot if the run has data for them."""
+"""Name suffixes of additional pictures. They are drawn next to the picture of --plot if the run has data for them."""
 
 
 class RunReport(NamedTuple):
@@ -65,14 +65,12 @@ class RunReport(NamedTuple):
     "--ideal/--no-ideal",
     default=True,
     show_default=True,
-    help="Also simulate the ideal case: true state, no delay, no limits.",
+    help="Also simulate the ideal case: true state known, no delay, no limits.",
 )
 @BACKEND
-@PLOT("Draw all signals to this picture.")
+@PLOT("Draw all signals to this picture file.")
 @OUT("DIR", "Write the log (MCAP) and the picture of the run to this folder.")
-@click.option(
-    "--log-period", metavar="TIME", default="1 ms", show_default=True, help="Time between two rows of the log."
-)
+@click.option("--log-period", metavar="TIME", default="1 ms", show_default=True, help="Time between two log rows.")
 @click.option(
     "--require",
     multiple=True,
@@ -157,7 +155,7 @@ def command(
 
 
 def _estimate_steps(scenario: "Scenario") -> "Scenario":
-    """Return the scenario with estimates of its integration error, which leave the result of a plain step unchanged."""
+    """Return the scenario with integration error estimates added. They do not change the results of the simulation."""
     from trimtab.core.record import replace
     from trimtab.loop.integration import PLAIN_STEP
     from trimtab.run.blocks import has_stepped_vehicle
@@ -216,7 +214,7 @@ def _summarise_report(scenario: str, report: RunReport) -> dict[str, Any]:
 
 
 def _summarise_navigation(log: Log) -> "Navigation | None":
-    """Assess the aided INS of a run; return None if the run has no aided INS. scipy is imported only if needed."""
+    """Assess the aided INS of a run. Return None if the run has no aided INS. scipy is imported only if needed."""
     if not any(p.startswith("estimate.") and p.endswith("_fix.nis") for p in log.paths):
         return None
     from trimtab.logs.navigation import assess_navigation
@@ -263,9 +261,9 @@ def _draw_run(report: RunReport, file: Path | None, with_navigation: bool) -> li
 
 
 def print_navigation(navigation: "Navigation", units: Mapping[str, str]) -> None:
-    """Print how well the sigmas of the navigation filter match its errors, and the convergence of its states."""
+    """Print how well the navigation filter's sigmas match the actual errors, and how the filter's states converge."""
     headings = ("quantity", ">of", ">draws", ">mean", ">bounds", ">error / sigma", "white", "verdict")
-    table = new_table(*headings, title="Navigation: errors against the filter's own sigmas")
+    table = new_table(*headings, title="Navigation: actual errors compared with the filter's sigmas")
     rows: list[tuple[str, str, Any, str]] = []
     for name, aid in navigation.aiding.items():
         rejections = f", {aid.refused} rejected" if aid.refused else ""
@@ -283,7 +281,7 @@ def print_navigation(navigation: "Navigation", units: Mapping[str, str]) -> None
         table.add_row(f"{name} ({units[name]})", *cells)
     print_table(table)
     sure = f"{100 * navigation.probability:g} % of a consistent filter's runs stay within all bounds"
-    verdict = f"{navigation.verdict}; judged from {navigation.since_s:.2f} s on"
+    verdict = f"{navigation.verdict}, from {navigation.since_s:.2f} s on"
     click.echo(f"navigation: {verdict}; {sure} (docs, Navigation of a run)")
 
 

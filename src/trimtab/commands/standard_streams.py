@@ -1,7 +1,7 @@
-"""Standard output and error of the command line.
+"""Standard output and standard error of the command line.
 
 A character that the terminal cannot show is replaced. If output cannot be written, for example on a full disk, the
-command prints one line and ends with exit code 1.
+command prints a one-line error and ends with exit code 1.
 """
 
 import contextlib
@@ -12,7 +12,7 @@ import sys
 
 
 def replace_unprintable() -> None:
-    """Replace characters that the encoding of standard output or standard error does not have."""
+    """Make standard output and standard error replace characters that their encoding lacks."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
@@ -29,7 +29,7 @@ def flush_output() -> bool:
 
 
 def report_failure(error: OSError) -> None:
-    """Report that output cannot be written, and stop writing to it. A closed pipe is not reported."""
+    """Report that output cannot be written, and stop writing output. A closed pipe is not reported."""
     if error.errno != errno.EPIPE:
         where = f" ({error.filename})" if error.filename else ""
         with contextlib.suppress(OSError):

@@ -28,11 +28,12 @@ RESTS = 1e-9
 def command(vehicle: str, at: tuple[str, ...], settings: dict[str, str], out: Path | None, as_json: bool) -> None:
     """Find the states and inputs of a steady motion: at rest, in level flight, in a steady turn.
 
-    VEHICLE is a scenario, whose vehicle and initial state are used; a model of the package; or FILE.py:function that
-    returns a Scenario, (vehicle, x, u) or a model. By default all inputs and states are free, positions and lengths are
-    fixed, and all derivatives are zero, except those of positions and of states that nothing depends on. --at changes
-    this. A vehicle with a quaternion has attitude.roll, .pitch, .yaw and velocities in body axes instead, and the
-    outputs speed, angle_of_attack, sideslip and climb. Exit code 1, with the reasons, if no such point was found.
+    VEHICLE is a scenario (its vehicle and initial state are used), a model of the package, or FILE.py:function. The
+    function returns a Scenario, (vehicle, x, u) or a model. By default all inputs and states are free, positions and
+    lengths are fixed, and all derivatives are zero, except those of positions and of states that nothing depends on.
+    --at changes this. A vehicle with a quaternion has attitude.roll, .pitch, .yaw and velocities in body axes instead,
+    and the outputs speed, angle_of_attack, sideslip and climb. If no trim was found, the reasons are printed, and the
+    exit code is 1.
 
     \b
     trimtab trim hovercraft/forward --at surge_velocity=1 --at yaw_rate=0
@@ -55,7 +56,7 @@ def command(vehicle: str, at: tuple[str, ...], settings: dict[str, str], out: Pa
 
 
 def point_json(plant: Plant, point: Trim) -> dict[str, Any]:
-    """Return a trim as plain data for JSON, in SI and radians, or in the vehicle's own units."""
+    """Return a trim as plain data for JSON, in SI units and radians, or in the units of the vehicle model."""
     model = plant.model
     rates, measured = model.evaluate(point.x, point.u)
     outputs = dict(zip(model.outputs, measured.tolist(), strict=True))
@@ -74,7 +75,7 @@ def point_json(plant: Plant, point: Trim) -> dict[str, Any]:
 
 
 def print_point(plant: Plant, point: Trim) -> None:
-    """Print a table of states, inputs and other outputs; if no trim was found, print the reasons."""
+    """Print a table of states, inputs and other outputs. If no trim was found, print the reasons."""
     model = plant.model
     rates, measured = model.evaluate(point.x, point.u)
     click.echo(f"{plant.name}: {'trim' if point.is_found else 'NO trim'}")
@@ -99,9 +100,9 @@ def print_point(plant: Plant, point: Trim) -> None:
     if point.taken:
         click.echo(_level_text(plant, point))
     for combination in point.undetermined_unknowns if point.is_found else ():
-        click.echo(f"not unique: {combination} may change; fix one of these variables with --at NAME=VALUE")
+        click.echo(f"the trim is not unique: {combination} may change; fix one of these variables with --at NAME=VALUE")
     for name, side in point.active.items() if point.is_found else ():
-        click.echo(f"at its bound: {name}, {side}")
+        click.echo(f"at a bound: {name}, {side}")
     for reason in point.why:
         click.echo(f"  {reason}")
 
@@ -114,13 +115,13 @@ def _motion_text(plant: Plant, point: Trim, rates: Any) -> str:
         at = dict(zip(plant.model.states, point.x.tolist(), strict=True))
         goes = [f"{n} {format_value(plant, n, at[n])}" for n in velocities if abs(at[n]) > RESTS]
         return f"in steady motion at {', '.join(goes)}" if goes else "at rest"
-    text = ", ".join(f"{n} by {_rate_text(plant, n, r)}" for n, r in moving)
+    text = ", ".join(f"{n} changes by {_rate_text(plant, n, r)}" for n, r in moving)
     name, rate = max(moving, key=lambda pair: abs(pair[1]))
-    return f'in steady motion: {text}; request another with --at, e.g. --at "{name}\'={0.5 * rate:.2g}"'
+    return f'in steady motion: {text}; request another motion with --at, e.g. --at "{name}\'={0.5 * rate:.2g}"'
 
 
 def _level_text(plant: Plant, point: Trim) -> str:
-    """Describe the assumed conditions of level flight, and how to change them."""
+    """Describe the assumed conditions of level flight, and how to change these conditions."""
     taken = {n: format_value(plant, n, v) for n, v in point.taken.items()}
     name = next((n for n, v in point.taken.items() if v), next(iter(taken)))
     text = ", ".join(f"{n} {v}" for n, v in taken.items())

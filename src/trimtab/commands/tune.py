@@ -41,17 +41,19 @@ def parse_gains(context: click.Context, parameter: click.Parameter, values: tupl
     required=True,
     callback=parse_gains,
     metavar="PATH=LOW:HIGH",
-    help="Gain to tune, with its range. May be repeated.",
+    help="Gain to tune, with the search range. May be repeated.",
 )
 @click.option(
-    "--cost", metavar="TEXT", help="Metric whose mean is minimised.  [default: rms errors relative to the target bands]"
+    "--cost",
+    metavar="TEXT",
+    help="Cost to minimise: mean of a metric.  [default: rms errors relative to the target bands]",
 )
 @click.option(
     "--method",
     type=click.Choice(("search", "gradient")),
     default="search",
     show_default=True,
-    help="Method: search for any cost, gradient for a cost that is an integral.",
+    help="Method: search (for any cost), or gradient (for a cost that is an integral over the run).",
 )
 @RUNS(64, "Number of runs for tuning.", least=2)
 @click.option(
@@ -66,7 +68,7 @@ def parse_gains(context: click.Context, parameter: click.Parameter, values: tupl
     type=click.IntRange(1),
     default=30,
     show_default=True,
-    help="Number of generations of the search, or of gradient steps.",
+    help="Number of generations of the search, or number of gradient steps.",
 )
 @click.option(
     "--width",
@@ -89,7 +91,7 @@ def command(
 ) -> None:
     """Tune gains over many runs, and validate them in other runs.
 
-    Exit code 1 if the validation does not show an improvement; nothing is written then.
+    If the validation does not show an improvement, nothing is written, and the exit code is 1.
 
     \b
     trimtab tune hovercraft/zero-velocity --gain autopilot.law.k1=0.5:3 --gain autopilot.law.k2=1:5 --out tuned.py
@@ -133,7 +135,7 @@ def _band_errors(scenario: str, options: dict[str, Any]) -> str:
     """Return the default cost: the rms error of each target, relative to its band."""
     targets = build(scenario, options["settings"], options["without"], options["faults"]).targets
     if not targets:
-        fix = "--cost 'rms:truth.SIGNAL', a metric to minimise"
+        fix = "--cost 'rms:truth.SIGNAL', or another metric to minimise"
         raise InputError("--cost", f"scenario {scenario!r} has no targets for the default cost", fix=fix)
     return " + ".join(f"{1 / target.band:.4g}*error_rms:{target.path}" for target in targets)
 
@@ -141,7 +143,7 @@ def _band_errors(scenario: str, options: dict[str, Any]) -> str:
 def _write_tuning(file: Path, scenario: str, cost: str, tuning: TuningResult, fly_it: str) -> None:
     c = tuning.held_out_comparison
     gains = "\n".join(f"    {n} = {v!r}, was {tuning.before[n]!r}" for n, v in tuning.after.items())
-    worth = f"{c.before:.6g} before, {c.after:.6g} after, mean of {c.runs} runs not used for tuning"
+    worth = f"{c.before:.6g} before, {c.after:.6g} after (mean of {c.runs} runs not used for tuning)"
     about = f"{scenario}, tuned.\n\nCost: {cost}: {worth}.\nGains:\n\n{gains}\n\nTo fly it:\n\n    {fly_it}"
     write_scenario(file, tuning.plan, tuning.values, about)
 
@@ -172,7 +174,7 @@ def _print_tuning(title: str, tuning: TuningResult) -> None:
 
 
 def _format_comparison(c: Comparison) -> str:
-    counts = f"better in {c.better}, worse in {c.worse}"
+    counts = f"better in {c.better} runs, worse in {c.worse}"
     if not math.isfinite(c.difference):
         return f"cost infinite in some runs; {counts}"
     interval = f"{100 * c.level:.0f} %: {c.low:.4g} … {c.high:.4g}"

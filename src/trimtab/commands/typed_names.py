@@ -1,8 +1,9 @@
-"""Check of the typed names of a scenario and its settings, before the module of the typed verb is imported.
+"""Check of the typed names of a scenario and its settings, before the module of the typed subcommand is imported.
 
-The import takes a second or more; a typo is reported without that delay. The paths of a scenario's settings are cached
-when `trimtab list`, `trimtab run` or shell completion runs, and after a wrong path. Until then only the first word of a
-path is checked. Names that cannot be checked here are checked by the verb, which gives the same message.
+The import takes a second or more. With this check, a typo is reported without that delay. The paths of a scenario's
+settings are cached when `trimtab list`, `trimtab run` or shell completion runs, and after a wrong path. Until then only
+the first word of a path is checked. Names that cannot be checked here are checked by the subcommand, which gives the
+same message.
 """
 
 import re
@@ -22,11 +23,11 @@ TAKES_SCENARIO = frozenset(
         *("identify", "vehicle", "fly", "console", "inject", "export", "firmware"),
     )
 )
-"""Verbs whose first argument is a scenario."""
+"""Subcommands whose first argument is a scenario."""
 TAKES_VEHICLE = frozenset(("trim", "linearise", "zeros", "export", "console"))
-"""Verbs whose first argument may be a scenario, a vehicle, a function in a file, or a log."""
+"""Subcommands whose first argument may be a scenario, but also a vehicle, a function in a file, or a log."""
 PATHS = {"--set": "settings", "--spread": "spread", "--gain": "gains"}
-"""Option whose value begins with the path of a setting -> name of the same argument in Python."""
+"""Option whose value begins with the path of a setting -> name of the Python argument for this option."""
 ROOTS = (
     "world",
     "autopilot",
@@ -39,9 +40,9 @@ ROOTS = (
     "duration",
     "name",
 )
-"""First words of the paths of settings, for scenarios of the catalogue."""
+"""First words that a path of a setting can have in scenarios of the catalogue."""
 RESHAPING = ("--navigation", "--calibration", "--reference")
-"""Options that replace parts of a scenario, and thereby change the paths of its settings."""
+"""Options that replace parts of a scenario, and thereby change the paths of the scenario's settings."""
 FOLDER = "setting-paths"
 
 
@@ -49,8 +50,8 @@ def check_names(words: Sequence[str], plain: Sequence[str] | None) -> None:
     """Check the scenario and the settings of a command line.
 
     Args:
-        words: words as typed, beginning with the verb.
-        plain: words after the verb that are not options; None if unknown.
+        words: words as typed, beginning with the subcommand.
+        plain: words after the subcommand that are not options; None if unknown.
 
     Raises: InputError with the nearest names, for an unknown scenario or setting.
     """
@@ -81,7 +82,7 @@ def check_names(words: Sequence[str], plain: Sequence[str] | None) -> None:
 
 
 def _near_roots(path: str) -> list[str]:
-    """Return the path with its first word replaced by the most similar valid word."""
+    """Return the path with the first word replaced by the most similar valid word."""
     root, _, rest = path.partition(".")
     return [f"{near}.{rest}" for near in closest(root, ROOTS, 1) or ROOTS[:2]]
 
@@ -100,7 +101,7 @@ def _iter_paths(words: Sequence[str]) -> Iterator[tuple[str, str, str]]:
 
 
 def read_paths(scenario: str) -> list[str]:
-    """Return the cached paths of a scenario's settings; empty if not cached, or if the package has changed."""
+    """Return the cached paths of a scenario's settings; an empty list if not cached, or if the package has changed."""
     with suppress(OSError, UnicodeError):
         stamp, *paths = (cache_folder(FOLDER) / _file_name(scenario)).read_text("utf-8").split("\n")
         return paths if stamp == package_stamp() else []
@@ -116,7 +117,7 @@ def keep_paths(scenario: str, paths: Iterable[str]) -> None:
 
 
 def learn_paths(words: Sequence[str]) -> None:
-    """Cache the paths of a scenario after a wrong path was typed, so that the next wrong path is reported at once."""
+    """After a wrong path was typed, cache the paths of the scenario, so that the next wrong path is reported fast."""
     if "jax" in sys.modules and len(words) > 1 and words[1] in catalogue.scenario_files():
         from trimtab.loop.settings import setting_paths
 

@@ -1,4 +1,4 @@
-"""`trimtab vehicle`: a simulated vehicle behind a real link."""
+"""`trimtab vehicle`: simulate a vehicle in real time that is controlled over a real radio link."""
 
 import dataclasses
 import sys
@@ -60,7 +60,7 @@ from trimtab.run.blocks import refuse_swarm
 from trimtab.scenarios.build import build
 
 SHORTEST_WATCHDOG = ms(20)
-"""Minimum of the watchdog's time: four heartbeats of the process that drives the outputs."""
+"""Minimum time of the watchdog (100 ns): four heartbeats of the process that drives the outputs."""
 
 
 @click.command()
@@ -83,28 +83,28 @@ SHORTEST_WATCHDOG = ms(20)
     type=click.Choice([STORED_CLOCK, COMPUTER_CLOCK]),
     default=STORED_CLOCK,
     show_default=True,
-    help="Clock for signatures: continue the stored clock, or reset it from this computer's.",
+    help="Clock for signatures: continue the stored clock, or use this computer's clock.",
 )
 @click.option(
     "--watchdog",
     metavar="TIME",
     default="50 ms",
     show_default=True,
-    help="Time without data from the simulation after which the outputs switch to their safe values.",
+    help="Time without data from the simulation after which the outputs switch to safe values.",
 )
 @click.option(
     "--confirm",
     multiple=True,
     metavar="SETTING",
     callback=lambda _context, _option, names: check_confirmations(names),
-    help="Confirm a setting that weakens a safety function, e.g. failsafe.timeout. May be repeated.",
+    help="Accept a setting that weakens a safety function, e.g. failsafe.timeout. May be repeated.",
 )
 @REAL_TIME
 @OUT("DIR", "Write the vehicle's log, with the truth, to this folder.  [default: no log]")
 @click.option(
     "--origin",
     metavar="LAT,LON,ALT",
-    help="Geographic origin of the world frame, in degrees and metres, for maps.  [default: none]",
+    help="Geographic position of the world frame's origin, in degrees and metres, for maps.  [default: none]",
 )
 @PARAMETERS
 @LOG_LIMIT
@@ -138,9 +138,9 @@ def command(
     Simulates the scenario's vehicle, sensors and actuators, and acts as its firmware: failsafe, arming, takeover by a
     safety pilot, parameters. The real link replaces the scenario's simulated delays. The vehicle is held until it is
     armed. It speaks signed MAVLink 2, so ground stations can connect. Exit code 1: a failsafe acted, the watchdog
-    switched the outputs to safe values, or the log is lost or incomplete; 2: invalid input. With --ardupilot it is the
-    physics backend of ArduPilot's SITL, in virtual time and with ArduPilot's protocol. With --px4 it is PX4's
-    simulator.
+    switched the outputs to safe values, or the log is lost or incomplete; 2: invalid input. With --ardupilot or --px4
+    the command is the physics simulator of ArduPilot's or PX4's SITL instead, in virtual time and with the protocol of
+    that flight stack.
 
     \b
     trimtab vehicle hovercraft/forward --listen udp://:14550 --out there
@@ -169,7 +169,7 @@ def command(
             with show_spinner(f"compiling {built.name}"):
                 options = StationOptions(out, transfer_rate(line_uri), place, store)
                 live = _build_vehicle(built, line, endpoint, seed, options)
-            tell(f"{built.name} listens on {line_uri}; held until it is armed. Ctrl-C ends it.")
+            tell(f"{built.name} listens on {line_uri}; the vehicle is held until armed. Ctrl-C stops the simulation.")
             limits = {"duration": limit, "log_limit": log_limit, "watchdog": silence, "confirmed": confirm}
             service = _serve(live, tell, log=log, outputs_folder=out, wanted_real_time=real_time, **limits)
             release_time, end = service.release_time, service.disarm_time or service.t
@@ -192,7 +192,7 @@ def _build_vehicle(
 
 
 def _serve(live: LiveVehicle, tell: Callable[[str], None], **options: Any) -> VehicleSummary:
-    """Run the vehicle until Ctrl-C. A separate thread prints its messages."""
+    """Run the vehicle until Ctrl-C. A separate thread prints the vehicle's messages."""
     machine = current_machine()
     lines, stamps = machine.write_lines(tell), machine.store_stamps_ahead(live.endpoint)
     with lines as sink, machine.catch_interrupts() as stop, stamps:
@@ -215,10 +215,10 @@ def _lead_lockstep(
     tell: Callable[[str], None],
     other: str,
 ) -> None:
-    """Run the vehicle in lockstep. other: command to type at the other end of the link."""
+    """Run the vehicle in lockstep with the other end of the link. other: command to type at that end."""
     with show_spinner(f"compiling {scenario.name}"):
         virtual = LockstepVehicle(scenario, endpoint, seed=seed)
-    tell(f"{scenario.name} waits on its link for  {other}")
+    tell(f"{scenario.name} waits on the link for  {other}")
     try:
         virtual.run(line, log)
     except NoAnswerError as error:
@@ -226,7 +226,7 @@ def _lead_lockstep(
 
 
 def _parse_watchdog(text: str) -> int:
-    """Parse the watchdog's time, and return it in units of 100 ns."""
+    """Parse the watchdog's time, and return the time in units of 100 ns."""
     silence = parse_time(text)
     if silence < SHORTEST_WATCHDOG:
         raise InputError("--watchdog", f"must be at least 20 ms, four heartbeats, got {text}", fix="--watchdog '50 ms'")
@@ -234,7 +234,7 @@ def _parse_watchdog(text: str) -> int:
 
 
 def _describe_service(service: VehicleSummary, live: LiveVehicle, line: Link) -> dict[str, Any]:
-    """Return the fields of the result that describe the vehicle's service: mode, cause, frames and problems."""
+    """Return the part of the result about the vehicle: last mode, cause, frames, problems, link and log."""
     return {
         "released_s": None if service.release_time is None else to_seconds(service.release_time),
         "mode": service.mode,
@@ -248,7 +248,7 @@ def _describe_service(service: VehicleSummary, live: LiveVehicle, line: Link) ->
 
 
 def _print_service(result: dict[str, Any], out: Path | None) -> None:
-    print_truth(result, out, "never armed, so the vehicle never moved")
+    print_truth(result, out, "the vehicle was never armed, so it never moved")
     if "mode" in result:
         refused = _format_refused_frames(result["wire"])
         for problem in result["problems"]:

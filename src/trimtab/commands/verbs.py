@@ -1,8 +1,8 @@
-"""Group of the verbs. Each verb is a file of this folder with its click command, imported when the verb is typed.
+"""Group of all subcommands. Each is a file of this folder with a click command, imported when the subcommand is typed.
 
-Exit code 0: success; 1: completed, but failed; 2: invalid input; 130: stopped by Ctrl-C; 143: stopped by SIGTERM. With
-``--json`` an error is also printed as an object on standard output. Names are checked before a verb is imported, so
-that a typo is reported at once.
+Exit codes: 0 success; 1 completed with a negative result; 2 invalid input; 130 stopped by Ctrl-C; 143 by SIGTERM. With
+``--json`` an error is also printed as an object on standard output. Names are checked before a subcommand is imported,
+so that a typo is reported at once.
 """
 
 import importlib
@@ -26,7 +26,7 @@ from trimtab.core.errors import InputError, Spelling, spell_with
 from trimtab.core.suggestions import closest
 
 WORDS = "trimtab.words"
-"""Key of the click context's entry that stores the words typed after `trimtab`."""
+"""Key under which the click context stores the words typed after `trimtab`."""
 BEGIN = "new vehicle my_bike"
 SYNONYMS = {
     "bode": "linearise",
@@ -48,7 +48,7 @@ SYNONYMS = {
     "verify": "export --verify DIR",
     "version": "--version",
 }
-"""Other common name of a verb -> the words to type."""
+"""Synonym for a subcommand -> words to type instead."""
 
 OPTIONS = {
     "settings": "--set",
@@ -66,11 +66,11 @@ OPTIONS = {
     "folder": "--out",
     "file": "--out",
 }
-"""Argument of a library function -> name of its command-line option, where the names differ."""
+"""Argument of a library function -> name of the command-line option, if the two names differ."""
 
 
 class Verbs(click.Group):
-    """Verbs by name: ``link-test`` is `command` in ``link_test.py``. Invalid input exits with code 2 and a fix."""
+    """Subcommands: ``link-test`` is `command` in ``link_test.py``. Invalid input exits with code 2 and a fix."""
 
     def __init__(self, names: Sequence[str], **options: Any) -> None:
         super().__init__(commands={name: click.Command(name) for name in names}, **options)
@@ -92,25 +92,28 @@ class Verbs(click.Group):
                 sys.exit(1)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return the verb of this name; None if the name is unknown."""
+        """Import and return the subcommand with this name. Return None if the name is unknown."""
         if cmd_name not in self.commands:
             return None
         return importlib.import_module(f"{__package__}.{cmd_name.replace('-', '_')}").command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the verbs with help texts read from their files, because importing all verbs would take seconds."""
+        """List the subcommands.
+
+        Help texts are read from the source files, because importing all subcommands would take seconds.
+        """
         listed = click.Group(commands={name: click.Command(name, help=read_help(name)) for name in self.commands})
         listed.format_commands(ctx, formatter)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse the typed words, and store them unchanged in the context."""
+        """Parse the typed words, and store the unchanged words in the context."""
         ctx.meta[WORDS] = list(args)
         return super().parse_args(ctx, args)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the verb, after checking its name, the scenario, the settings and the platform of JAX.
+        """Return a subcommand, after a check of its name, the scenario, the settings and the platform of JAX.
 
         Raises: InputError with the nearest names, or for a platform that JAX cannot use.
         """
@@ -121,20 +124,23 @@ class Verbs(click.Group):
         return super().resolve_command(ctx, args)
 
     def _parse_words(self, ctx: click.Context, args: list[str]) -> list[str] | None:
-        """Return the words after a verb that are not options; None if the options are known only after an import."""
+        """Return the words after a subcommand that are not options; None if these are not known without an import."""
         verb, *words = args
         if verb not in self.commands or not find_file(verb).is_file():
             return None
         return parse_words(find_file(verb), verb, read_help(verb), words, ctx)
 
     def _find_context(self, ctx: click.Context) -> click.Context:
-        """Return the click context of the typed verb, which click's error about a missing option value lacks."""
+        """Return the click context of the typed subcommand.
+
+        Click's error about a missing option value lacks the context.
+        """
         name = ctx.invoked_subcommand or ""
         verb = self.get_command(ctx, name)
         return ctx if verb is None else click.Context(verb, parent=ctx, info_name=name)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the verb that was typed."""
+        """Run the subcommand that was typed."""
         try:
             with spell_with(spell_option):
                 return super().invoke(ctx)
@@ -179,7 +185,7 @@ def spell_option(python: Spelling, name: str, value: Any, path: str | None) -> s
 
 
 def _running_options() -> set[str]:
-    """Return the options of the running verb."""
+    """Return the options of the running subcommand."""
     context = click.get_current_context(silent=True)
     return {word for p in context.command.params for word in p.opts} if context is not None else set()
 
@@ -190,7 +196,7 @@ def _quote(text: str) -> str:
 
 
 def _find_example(ctx: click.Context) -> tuple[str, str]:
-    """Return the command that had an error, and the first example in its help."""
+    """Return the command that had an error, and the first example in the command's help."""
     where = f"trimtab{ctx.command_path.removeprefix(ctx.find_root().command_path)}"
     for line in (ctx.command.help or "").splitlines():
         words = re.split(r"\s{3,}", line.strip())[0]
@@ -208,21 +214,21 @@ def _print_refusal(ctx: click.Context, part: str, problem: str, choices: Sequenc
 
 def _unknown_verb(name: str, verbs: Sequence[str]) -> InputError:
     near = SYNONYMS.get(name.lower()) or next(iter(closest(name, verbs, 1)), "--help")
-    return InputError(f"trimtab {name}", "no such verb", choices=verbs, fix=f"trimtab {near}")
+    return InputError(f"trimtab {name}", "no such subcommand", choices=verbs, fix=f"trimtab {near}")
 
 
 def read_help(name: str) -> str:
-    """Return the help text of a verb: the docstring of `command` in the verb's file."""
+    """Return the help text of a subcommand: the docstring of `command` in the subcommand's file."""
     docstring = re.search(r'^def command\(.*?"""(.*?)"""', read_source(name), re.DOTALL | re.MULTILINE)
     assert docstring, f"{name}: its `command` has no docstring"
     return inspect.cleandoc(docstring[1])
 
 
 def read_source(name: str) -> str:
-    """Return the source code of a verb's file."""
+    """Return the source code of a subcommand's file."""
     return find_file(name).read_text(encoding="utf-8")
 
 
 def find_file(name: str) -> Path:
-    """Return the path of the file that contains a verb."""
+    """Return the path of the file that contains a subcommand."""
     return Path(__file__).with_name(f"{name.replace('-', '_')}.py")

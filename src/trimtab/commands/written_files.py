@@ -1,8 +1,9 @@
 """Record of the files that trimtab wrote and may replace. Any other file belongs to the user and is kept.
 
-The cache's folder `written` stores digests (SHA-256) of the path and of the content of each file that a verb wrote. A
-file with that content may be replaced. A file that was edited since, or came from elsewhere, is refused before anything
-runs, unless ``--overwrite`` is given. Without a cache, every existing file is refused.
+The cache's folder `written` stores digests (SHA-256) of the path and of the content of each file that a subcommand
+wrote. A file with that content may be replaced. A file that was edited since, or was not written by trimtab, is not
+replaced unless ``--overwrite`` is given: the subcommand ends with an error before anything runs. Without a cache, no
+existing file is replaced.
 """
 
 import hashlib
@@ -21,13 +22,13 @@ FOLDER = "written"
 PICTURES = (".png", ".pdf", ".svg")
 """File name suffixes of the supported picture formats."""
 OVERWRITE = "trimtab.overwrite"
-"""Key of the click context's entry that is True after ``--overwrite``."""
+"""Key under which the click context stores True after ``--overwrite``."""
 LIMIT = 5000
-"""Maximum number of recorded files. The oldest records beyond this number are deleted."""
+"""Maximum number of recorded files. If there are more, the oldest records are deleted."""
 
 
 def with_overwrite(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add ``--overwrite`` to a verb, unless the verb already has it."""
+    """Add ``--overwrite`` to a subcommand, unless the subcommand already has it."""
     options = getattr(function, "__click_params__", ())
     if any("--overwrite" in option.opts for option in options):
         return function
@@ -67,7 +68,7 @@ def check_new_in(option: str, folder: Path | None, *patterns: str) -> None:
 
 
 def note_written(files: Iterable[str | Path]) -> None:
-    """Record files that trimtab has just written. Without a cache they later count as the user's files."""
+    """Record files that trimtab has just written. Without a cache they later count as files of the user."""
     with suppress(OSError):
         folder = cache_folder(FOLDER)
         for file in map(Path, files):
@@ -78,7 +79,7 @@ def note_written(files: Iterable[str | Path]) -> None:
 
 
 def place_files(option: str, scratch: Path, files: Iterable[Path], folder: Path) -> list[Path]:
-    """Move all files of a scratch folder to the target folder, or none; return the new paths of `files`.
+    """Move all files of a scratch folder to the target folder, or none of them. Return the new paths of `files`.
 
     Raises: InputError if a file would replace a file of the user.
     """

@@ -29,10 +29,10 @@ def command(
     settings: dict[str, str],
     as_json: bool,
 ) -> None:
-    """Find the zeros between inputs and outputs of a vehicle, and their consequences for tracking.
+    """Find the zeros between inputs and outputs of a vehicle, and what the zeros mean for tracking.
 
     VEHICLE and --at are as in `trimtab trim`. If there are as many inputs as outputs, a verdict is printed too: minimum
-    phase, or not, with the states that diverge while the outputs are held.
+    phase, or not minimum phase, with the states that diverge while the outputs are held constant.
 
     \b
     trimtab zeros hypersonic --output h --output V
@@ -62,7 +62,7 @@ def command(
 def _find_dynamics(model: StateSpaceModel) -> ZeroDynamics | str:
     """Return the zero dynamics of a model, or the reason why they cannot be computed."""
     if len(model.inputs) != len(model.outputs):
-        return f"{len(model.inputs)} inputs and {len(model.outputs)} outputs; name as many --input as --output"
+        return f"{len(model.inputs)} inputs but {len(model.outputs)} outputs; name as many --input as --output"
     try:
         return zero_dynamics(model, loose=idle_states(model))
     except InputError as error:

@@ -1,1 +1,1 @@
-"""Campaigns: many runs of one scenario with varied parameters, their workers and their statistics."""
+"""Campaigns: many runs of one scenario with varied parameters, the workers that fly them, and statistics."""

@@ -1,4 +1,4 @@
-"""Campaigns: many runs of one scenario, each with its own parameters and noise, and their results.
+"""Campaigns: many runs of one scenario, each with different parameters and noise, and the results of the runs.
 
 Source: docs page, Campaigns.
 """
@@ -41,11 +41,11 @@ from trimtab.run.simulate import simulate
 
 
 class CampaignResult(NamedTuple):
-    """Result of a campaign. columns: name -> values (n,). The column `run` contains the run number of each row.
+    """Result of a campaign. columns: name -> values (n,) in n runs. The column `run` contains the run numbers.
 
-    success: share of successful runs, with its interval.  flown_runs, wall_s: number of runs flown in this session, and
-    duration of these flights (s).  block: number of runs simulated together.  identity: digests and versions that
-    determine the rows, see the function `identity`.
+    success: share of successful runs, with a confidence interval.  flown_runs, wall_s: number of runs flown in this
+    session, and computing time for these runs (s).  block: number of runs simulated together.  identity: digests and
+    versions that determine the results, see the function `identity`.
     """
 
     plan: CampaignPlan
@@ -70,7 +70,7 @@ class CampaignResult(NamedTuple):
         return f"Campaign of {self.plan.scenario}: {self.success.trials} runs, success {self.success}, {lost} lost"
 
     def _rows(self) -> list[tuple[str, str, str, str]]:
-        """Return name, minimum, median and maximum of each numeric column."""
+        """Return name, minimum, median and maximum of each numeric result."""
         rows: list[tuple[str, str, str, str]] = []
         for name, column in self.columns.items():
             if name in ("run", "success", "lost") or column.dtype.kind not in "fiu" or column.ndim != 1:
@@ -102,8 +102,8 @@ class Campaign:
     Args:
         scenario: name in the catalogue, ``file.py:function``, or a `Scenario`.
         runs: number of runs.
-        seed: seed of the campaign.
-        spread: path -> distribution or its text, e.g. {"world.vehicle.mass": "normal(100%, 5%)"}.
+        seed: seed of the random numbers.
+        spread: path -> distribution, as text or object, e.g. {"world.vehicle.mass": "normal(100%, 5%)"}.
         correlate: pairs of paths -> correlation, e.g. {("world.vehicle.mass", "world.vehicle.inertia"): 0.8}.
         metrics: metrics of each run: names, e.g. "settling:yaw_rate", or functions from `Rows` to values (n,).
             Default: settling and error_rms of each target.
@@ -111,7 +111,7 @@ class Campaign:
             held.
         sampling: sampling of the varied parameters: "random", "sobol" or "latin".
         settings, without, faults: as in `trimtab run`, only for a scenario given by name.
-        log_period: time between the logged rows that metrics use (100 ns).
+        log_period: time between the log rows from which metrics are computed (100 ns).
 
     Raises: InputError for a campaign that can't be flown, before any run starts.
     """
@@ -180,16 +180,16 @@ class Campaign:
         progress: Callable[[int], None] | None = None,
         about: Mapping[str, Any] | None = None,
     ) -> CampaignResult:
-        """Fly the runs of the campaign that are not yet in the store, and return the results of all runs.
+        """Fly the runs of the campaign that are not stored yet, and return the results of all runs.
 
         Args:
             store: folder of a Zarr store. Finished runs are saved there and reused. None: nothing is saved.
-            backend: "auto", "c" or "jax", as in `simulate`.
+            backend: simulation backend "auto", "c" or "jax", as in `simulate`.
             threads: number of threads. None: one for each core.
-            workers: function that flies the blocks. None: this process flies them.
-            stop: function called after each block with the columns of all runs before the first unfinished run. The
-                campaign ends when the function returns True.
-            progress: function called with the number of finished runs.
+            workers: function that flies blocks of runs. None: this process flies the runs.
+            stop: function that is called after each block of runs with the results of all runs before the first
+                unfinished run. The campaign ends when the function returns True.
+            progress: function that is called with the number of finished runs.
             about: additional attributes to write to the store.
 
         Raises: InputError if the store belongs to a different campaign, if another process is writing to it, or if the
@@ -198,7 +198,7 @@ class Campaign:
         began = time.perf_counter()
         if workers is not None and not self.by_name:
             problem = "an object or a function of this program can't be sent to other machines"
-            fix = "write it as file.py:function, and put the file in the folder in which the workers were started"
+            fix = "write file.py:function, and put this file in the folder in which the workers were started"
             raise InputError("workers", problem, fix=fix)
         used = "c" if backend == "c" or uses_c(self.ready, backend) else "jax"
         count = RowCount(progress)
@@ -215,7 +215,7 @@ class Campaign:
             with open_store(folder, attributes, self._example_row(), self.plan.runs, block) as rows:
                 flown = self._fly_blocks(fly, used, rows, block, stop, count)
                 columns = rows.read()
-            n = int(np.searchsorted(columns["run"], self.plan.runs))  # a store may contain more runs
+            n = int(np.searchsorted(columns["run"], self.plan.runs))  # the store may contain more runs
             columns = {name: column[:n] for name, column in columns.items()}
         good = proportion(int(columns["success"].sum()), len(columns["run"]))
         return CampaignResult(self.plan, columns, good, flown, time.perf_counter() - began, block, who)
@@ -237,20 +237,20 @@ class Campaign:
                     break
         except WorkersLost as lost:
             stored = isinstance(rows, CampaignStore)
-            kept = f"{int(done.sum())} finished runs are stored" if stored else "no run is saved without a store"
+            kept = f"{int(done.sum())} finished runs are stored" if stored else "runs are not saved without a store"
             raise InputError(lost.part, f"{lost}: {kept}", fix=lost.fix) from None
         finally:
             results.close()
         return flown
 
     def _example_row(self) -> dict[str, Any]:
-        """Return column name -> array of length 1, with the type of the column."""
+        """Return name of a result -> array of length 1, with the data type of the result."""
         _, values = draw_runs(self.ready, 0, 1)
         metrics = {m.name: np.empty(1) for m in self.ready.metrics}
         return {**values, **metrics, "success": np.empty(1, bool), "lost": np.empty(1, bool)}
 
     def row_size(self) -> int:
-        """Return the uncompressed size in the store of the results of one run, in bytes."""
+        """Return the uncompressed size of one run's results in the store, in bytes."""
         return (
             sum(column.itemsize for column in self._example_row().values()) + 1
         )  # plus one byte for the flag of a finished row
@@ -266,9 +266,9 @@ class Campaign:
         return scenario_of(self.ready, run)
 
     def rerun(self, run: int, *, log_period: int | None = None, signals: tuple[str, ...] = ()) -> Log:
-        """Repeat one run and return its whole log.
+        """Repeat one run and return the complete log.
 
-        The metrics of the repetition equal the stored metrics of the run.
+        The metrics of the repetition equal the stored metrics.
         """
         drawn, _ = draw_runs(self.ready, run, run + 1)
         period = self.plan.log_period if log_period is None else log_period
@@ -283,7 +283,7 @@ class Campaign:
 
 
 def _gapless_rows(rows: "MemoryStore | CampaignStore", done: Any) -> dict[str, Any]:
-    """Return the columns of all runs before the first unfinished run."""
+    """Return the results of all runs before the first unfinished run."""
     n = len(done) if done.all() else int(np.argmin(done))
     return {name: column[:n] for name, column in rows.read().items()}
 
@@ -293,5 +293,5 @@ def _as_distribution(path: str, drawn_from: Any) -> Distribution:
         return drawn_from
     if not isinstance(drawn_from, str):
         part = argument_name("spread", path)
-        raise InputError(part, f"must be the text of a distribution, got {drawn_from!r}", fix='"uniform(80%, 120%)"')
+        raise InputError(part, f"must be a distribution as text, got {drawn_from!r}", fix='"uniform(80%, 120%)"')
     return parse_distribution(drawn_from, argument_name("spread", path))

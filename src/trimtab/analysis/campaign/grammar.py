@@ -1,4 +1,4 @@
-"""Grammar of metrics, conditions, requirements, stopping rules and costs, as the user types them.
+"""Grammar in which the user types metrics, conditions, requirements, stopping rules and costs.
 
     METRIC       KIND:SIGNAL, as in settling:yaw_rate, robustness:FORMULA, or file.py:function
     CONDITION    METRIC <= NUMBER                       success of a run, with <=, <, > or >=
@@ -28,7 +28,7 @@ from trimtab.core.suggestions import closest
 from trimtab.core.units import NUMBER, find_sizes
 
 ROBUSTNESS = "robustness"
-"""Kind of metric that measures the distance of a run from violating a formula."""
+"""Kind of metric that measures how far a run is from violating a formula."""
 LEVEL = 0.95
 """Default confidence of a requirement or a stopping rule, as a probability."""
 EXTREMES = ("max", "min")
@@ -52,7 +52,7 @@ _INSIDE = re.compile(r"\(.*\)")
 class MetricName(NamedTuple):
     """Name of a metric, KIND:SUBJECT.
 
-    kind: kind of metric, or a Python file.  subject: signal, formula, or function in the file.
+    kind: kind of metric, or name of a Python file.  subject: signal, formula, or name of a function in the Python file.
     """
 
     kind: str
@@ -80,9 +80,9 @@ class Condition(NamedTuple):
 class Requirement(NamedTuple):
     """Requirement that a campaign must meet.
 
-    text: requirement as typed.  statistic: success, quantile, mean, max or min. metric: metric of the statistic, or
-    "success". p: level of the quantile; NaN for other statistics.  relation: "<=" or ">=".  bound: number that the
-    statistic is compared with, in SI units. level: confidence; NaN for max and min.
+    text: requirement as typed.  statistic: "success", "quantile", "mean", "max" or "min".  metric: metric whose
+    statistic is required, or "success".  p: level of the quantile; NaN for other statistics.  relation: "<=" or ">=".
+    bound: number with which the statistic is compared, in SI units.  level: confidence; NaN for max and min.
     """
 
     text: str
@@ -98,7 +98,7 @@ class Requirement(NamedTuple):
 
         Args:
             metrics: names of the campaign's metrics.
-            anytime: True if the campaign may stop early because of its results.
+            anytime: True if the campaign may stop early because of the results.
         """
         part = f"requirement '{self.text}'"
         _check_metric(part, self.metric, metrics, "ask for")
@@ -110,8 +110,9 @@ class Requirement(NamedTuple):
 class StoppingRule(NamedTuple):
     """Rule that stops a campaign once a confidence interval is narrow enough.
 
-    text: rule as typed. statistic: success or quantile. metric, p: metric and level of the quantile.
-    width: width of the whole interval, upper minus lower bound, in the metric's unit.  level: two-sided confidence.
+    text: rule as typed.  statistic: "success" or "quantile".  metric, p: metric and level of the quantile.
+    width: width of the interval at which the campaign stops, upper minus lower bound, in the metric's unit.
+    level: two-sided confidence of the interval.
     """
 
     text: str
@@ -127,20 +128,23 @@ class StoppingRule(NamedTuple):
 
 
 class CostTerm(NamedTuple):
-    """One term of a cost: a metric and its weight."""
+    """One term of a cost: a metric with a weight."""
 
     weight: float
     metric: str
 
 
 def parse_metric(text: str) -> MetricName:
-    """Split a metric's text at the first colon. `statistics.metrics.find_metric` checks if the metric exists."""
+    """Split the text of a metric at the first colon. `statistics.metrics.find_metric` checks if the metric exists."""
     kind, _, subject = text.partition(":")
     return MetricName(kind, subject)
 
 
 def parse_condition(text: str) -> Condition:
-    """Read a condition, `METRIC <= NUMBER` or a formula. `statistics.metrics.find_metric` checks its signals."""
+    """Read a condition: `METRIC <= NUMBER`, or a formula.
+
+    `statistics.metrics.find_metric` checks the condition's signals.
+    """
     if is_temporal(text) and not text.lstrip().startswith(f"{ROBUSTNESS}:"):
         return Condition(f"{ROBUSTNESS}:{text.strip()}", ">", 0.0)
     match = _COMPARISON.fullmatch(text)
@@ -170,7 +174,7 @@ def parse_requirement(text: str) -> Requirement:
     bound = _parse_number(match["bound"], percent=kind == "success")
     if bound is None or not math.isfinite(bound):
         problem = f"{match['bound']!r} is not a finite number"
-        _refuse_requirement(part, problem, fix="write a plain number in SI units, without a unit")
+        _refuse_requirement(part, problem, fix="write a plain number in SI units, without the unit")
     level = _parse_level(match["level"], part)
     if kind in EXTREMES:
         if match["level"] is not None:
@@ -182,7 +186,7 @@ def parse_requirement(text: str) -> Requirement:
             raise InputError(part, problem, fix=fix)
         level = math.nan
     if kind == "success" and not (0 < bound < 1):
-        fix = "give a probability between 0 and 1, e.g. `success >= 0.999`"
+        fix = "require a probability between 0 and 1, e.g. `success >= 0.999`"
         raise InputError(part, f"a finite number of runs cannot prove a probability of {bound:g}", fix=fix)
     return Requirement(text.strip(), kind, metric, p, relation, bound, level)
 
@@ -237,7 +241,7 @@ def _split_outside(text: str, separator: str) -> list[str]:
 
 
 def _parse_statistic(text: str, part: str, forms: Iterable[str]) -> tuple[str, str, float]:
-    """Read a statistic, e.g. p95(METRIC). Return its kind, its metric and the level of a quantile, as `Requirement`."""
+    """Read a statistic, e.g. p95(METRIC). Return statistic, metric and quantile level, as in `Requirement`."""
     if text == "success":
         return "success", "success", math.nan
     call = _CALL.fullmatch(text)
@@ -266,7 +270,7 @@ def _parse_level(text: str | None, part: str) -> float:
 
 
 def _parse_number(text: str, *, percent: bool = False) -> float | None:
-    """Read a number; None if the text is not a number. With `percent`, "95%" gives 0.95."""
+    """Read a number. Return None if the text is not a number. With `percent`, "95%" is read as 0.95."""
     share = percent and text.endswith("%")
     try:
         return float(text.removesuffix("%") if share else text) / (100 if share else 1)

@@ -1,12 +1,14 @@
-"""Allan variance of a sensor at rest: noise coefficients with their uncertainty, and Q and R for a filter.
+"""Allan variance of a sensor at rest: noise coefficients with uncertainties, and Q and R for a filter.
 
 The output of a still sensor is modelled as white noise, flicker and random walk, all Gaussian:
 
     sigma²(tau) = N²/tau + (2 ln 2/pi) B² + K² tau/3
 
-N: angle (velocity) random walk; B: bias instability; K: rate (acceleration) random walk. The estimates at different tau
-share the same data. Their joint covariance is computed exactly, from second differences of the summed output, and
-weights the fit of the coefficients. The stated errors therefore match the scatter over repeated logs.
+N: angle (velocity) random walk; B: bias instability; K: rate (acceleration) random walk.
+
+The Allan variances at different averaging times tau are correlated, because they share the same data. Their covariance
+is computed exactly, from second differences of the summed output, and weights the fit of the coefficients. The stated
+errors therefore match the scatter over repeated logs.
 
 Source: IEEE Std 952-1997, annex C, for the coefficients; Greenhall, IEEE Trans. UFFC 38 (1991), and Riley, NIST SP 1065
 (2008), section 5, for the overlapping estimator and its covariance.
@@ -27,14 +29,17 @@ FLICKER = 2 * math.log(2) / math.pi
 NORMAL95 = 1.959963984540054
 ROUNDS = 8
 FINEST = 32
-"""Minimum number of lags within the shorter averaging time, used to compute the covariance of two Allan variances."""
+"""Minimum number of lags, within the shorter of two averaging times, for the covariance of their Allan variances."""
 KNOCK = 10.0
-"""Largest accepted change between two successive samples, in standard deviations of this change.
+"""Largest accepted difference of two successive samples, in standard deviations of such differences.
 
 Gaussian noise exceeds this limit with probability 1e-23.
 """
 MISFIT = 10.0
-"""Largest accepted misfit: weighted sum of squares, divided by the degrees of freedom. A good log has about 1."""
+"""Largest accepted misfit of the fit: weighted sum of squares, divided by the degrees of freedom.
+
+A good log has about 1.
+"""
 MEDIAN = 0.6744897501960817
 """Median of the absolute value of a standard normal number."""
 
@@ -43,28 +48,28 @@ MEDIAN = 0.6744897501960817
 class Coefficient:
     """Noise coefficient of a sensor with its uncertainty. Source: this module."""
 
-    value: Scalar = quantity("1", "Estimated coefficient; 0 if the log shows no such noise.")
-    standard_error: Scalar = quantity("1", "Standard error. For an estimate near 0: upper limit divided by 1.96.")
-    low: Scalar = quantity("1", "Lower end of the 95 % interval of the coefficient.")
-    high: Scalar = quantity("1", "Upper end of the 95 % interval of the coefficient.")
+    value: Scalar = quantity("1", "Estimated noise coefficient; 0 if the log shows no such noise.")
+    standard_error: Scalar = quantity("1", "Standard error. If the estimate is near 0: upper limit divided by 1.96.")
+    low: Scalar = quantity("1", "Lower limit of the coefficient's 95 % interval.")
+    high: Scalar = quantity("1", "Upper limit of the coefficient's 95 % interval.")
 
 
 @record
 class AllanFit:
-    """Allan deviation of the log of a sensor at rest, and fitted noise model. U: unit of the log (rad/s or m/s²).
+    """Allan deviation of a sensor at rest, and noise model fitted to it. U: unit of the logged samples (rad/s or m/s²).
 
     Source: IEEE Std 952-1997, annex C; this module.
     """
 
-    white: Coefficient = part("White noise N (U/Hz^0.5): angle or velocity random walk.")
-    flicker: Coefficient = part("Flicker B (U): bias instability.")
-    walk: Coefficient = part("Bias random walk K (U/s^0.5): random walk of rate or acceleration.")
+    white: Coefficient = part("White noise N (U/Hz^0.5), also called angle or velocity random walk.")
+    flicker: Coefficient = part("Flicker noise B (U), also called bias instability.")
+    walk: Coefficient = part("Random walk K of the bias (U/s^0.5), also called rate or acceleration random walk.")
     tau: Any = quantity("s", "Averaging times (n,).")
     deviation: Any = quantity("U", "Overlapping Allan deviation at each averaging time (n,).")
     model: Any = quantity("U", "Allan deviation of the fitted model at each averaging time (n,).")
     freedom: Any = quantity("1", "Equivalent degrees of freedom of each Allan deviation (n,), from the fitted model.")
     misfit: Scalar = quantity(
-        "1", "Weighted squared misfit of the model, divided by the degrees of freedom: 1 for a good model."
+        "1", "Weighted squared misfit of the model, divided by the degrees of freedom. A good model has about 1."
     )
     sampling_period: Scalar = quantity("s", "Time between two samples of the log.")
 
@@ -73,13 +78,19 @@ class AllanFit:
 class FilterNoise:
     """Noise variances of one sensor axis for a filter with time step dt. U: unit of a sample. Source: this module."""
 
-    sample_variance: Scalar = quantity("U^2", "Measurement noise R, for a sample used as a measurement: N²/dt.")
-    integral_variance: Scalar = quantity("(U s)^2", "Process noise Q of the integrated state in one step: N² dt.")
-    bias_variance: Scalar = quantity("U^2", "Process noise Q of the bias in one step: K² dt, plus a term for flicker.")
+    sample_variance: Scalar = quantity(
+        "U^2", "Measurement noise R of a sample that the filter uses as a measurement: N²/dt."
+    )
+    integral_variance: Scalar = quantity(
+        "(U s)^2", "Process noise Q of one step, for a state that integrates samples: N² dt."
+    )
+    bias_variance: Scalar = quantity(
+        "U^2", "Process noise Q of one step, for the bias: K² dt, plus a term for flicker."
+    )
 
 
 def overlapping_variance(y: Any, averages: Any) -> Any:
-    """Return the overlapping Allan variance of samples y (n,) at averages of m samples (k,), shape (k,).
+    """Return the overlapping Allan variance (k,) of samples y (n,). m (k,): numbers of samples to average over.
 
     Source: Riley, NIST SP 1065, eq. 9.
     """
@@ -89,7 +100,10 @@ def overlapping_variance(y: Any, averages: Any) -> Any:
 
 
 def octave_averages(samples: int) -> tuple[int, ...]:
-    """Return averages of 1, 2, 4, … samples, up to an eighth of the log. Longer averages are too uncertain."""
+    """Return numbers of samples to average over: 1, 2, 4, … up to an eighth of the log.
+
+    Longer averages are too uncertain.
+    """
     return tuple(2**k for k in range(max(int(math.log2(samples / 8)), 0) + 1))
 
 
@@ -97,20 +111,20 @@ def fit_allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None =
     """Compute the Allan deviation of a sensor at rest, and fit noise coefficients by generalised least squares.
 
     Args:
-        y: samples (n,) of one axis, evenly spaced, at least 128. Their mean has no effect, but a slow ramp has.
+        y: at least 128 evenly spaced samples (n,) of one axis. Their mean has no effect, but a slow ramp has.
         sampling_period: time between two samples (s).
         averages: numbers of samples to average over. Default: 1, 2, 4, … up to an eighth of the log.
     """
     y = np.asarray(y, np.float64)
     if y.ndim != 1 or len(y) < 128 or not np.isfinite(y).all():
         problem = f"got samples of shape {y.shape}, with {int((~np.isfinite(y)).sum())} values that are not finite"
-        raise InputError("allan", problem, fix="give at least 128 evenly spaced samples of one axis, without gaps")
+        raise InputError("allan", problem, fix="pass at least 128 evenly spaced samples of one axis, without gaps")
     chosen = tuple(averages or octave_averages(len(y)))
     if min(chosen) < 1 or max(chosen) > len(y) // 3 or len(chosen) < 4:
-        problem = f"got averages over {chosen} samples for a log of {len(y)}"
-        raise InputError("allan", problem, fix=f"give at least 4 whole numbers from 1 to {len(y) // 3}")
+        problem = f"got averages over {chosen} samples, for a log of {len(y)} samples"
+        raise InputError("allan", problem, fix=f"pass at least 4 whole numbers from 1 to {len(y) // 3}")
     if not np.ptp(y) > 0:
-        raise InputError("allan", "every sample is the same", fix="log at the sensor's full resolution")
+        raise InputError("allan", "every sample is the same", fix="log the samples at the sensor's full resolution")
     m = np.array(chosen, np.float64)
     variance = overlapping_variance(y, chosen)
     basis, moments = _variance_basis(m), _moments(len(y), chosen)
@@ -141,7 +155,7 @@ def fit_allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None =
 
 
 def confidence_interval(fit: AllanFit) -> tuple[Any, Any]:
-    """Return lower and upper ends (n,) of the 95 % confidence intervals of the Allan deviations, for error bars."""
+    """Return lower and upper limits (n,) of the Allan deviations' 95 % confidence intervals, for error bars."""
     tail = (1 - 0.95) / 2
     low, high = (2 * gammaincinv(fit.freedom / 2, part) for part in (1 - tail, tail))  # quantiles of chi squared
     return fit.deviation * np.sqrt(fit.freedom / low), fit.deviation * np.sqrt(fit.freedom / high)
@@ -150,8 +164,9 @@ def confidence_interval(fit: AllanFit) -> tuple[Any, Any]:
 def filter_noise(fit: AllanFit, sampling_period: float | None = None) -> FilterNoise:
     """Compute the discrete noise of a filter with time step `sampling_period` (s). Default: the log's sampling period.
 
-    Flicker has no model of finite order. It is replaced by a random walk with the same Allan variance at the averaging
-    time tau = N²/(0.44 B²), where white noise and flicker are equal. A bias estimate is then trusted for about tau.
+    Flicker noise has no model of finite order. It is replaced by a random walk with the same Allan variance at the
+    averaging time tau = N²/(0.44 B²), at which white noise and flicker are equally large. The filter then trusts a bias
+    estimate for about the time tau.
     """
     dt = fit.sampling_period if sampling_period is None else float(sampling_period)
     N2, B2, K2 = fit.white.value**2, fit.flicker.value**2, fit.walk.value**2
@@ -167,10 +182,11 @@ def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
     sensor violates this. A slow and steady motion that looks like a random walk cannot be detected.
 
     Args:
-        name: name of the axis, for errors.  y: its samples (n,).  fit: result of `fit_allan` for these samples.
+        name: name of the sensor axis, for errors.  y: samples (n,) of the axis.  fit: result of `fit_allan` for these
+            samples.
 
-    Source: this module; the scale of the differences is computed from their median, so that a few knocks don't change
-    this scale: Huber, "Robust statistics", Wiley 1981.
+    Source: this module; the scale of the differences is computed from the median, so that a few knocks do not
+    change the scale: Huber, "Robust statistics", Wiley 1981.
     """
     change = np.diff(np.asarray(y, np.float64))
     usual = float(np.median(np.abs(change - np.median(change)))) / MEDIAN
@@ -193,9 +209,9 @@ def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
 
 
 def _coefficient(square: float, error: float) -> Coefficient:
-    """Return a coefficient from its square and the square's standard error.
+    """Return a noise coefficient, computed from the squared coefficient and the standard error of the square.
 
-    The ends of its interval are the square roots of the ends of the square's interval.
+    The limits of the coefficient's interval are the square roots of those of the square's interval.
     """
     high = math.sqrt(square + NORMAL95 * error)
     value = math.sqrt(square)
@@ -209,20 +225,20 @@ def _coefficient(square: float, error: float) -> Coefficient:
 
 
 def _kernels(lag: Any) -> Any:
-    """Return generalised covariances (3, …) of the summed output, per unit of white variance, B² and walk variance."""
+    """Return generalised covariances (3, …) of the summed output, for unit white noise, flicker and random walk."""
     size = np.abs(lag)
     flicker = size**2 * np.log(np.where(size > 0, size, 1.0)) / (2 * math.pi)
     return np.stack([-size / 2, flicker, (size**3 - size) / 12])
 
 
 def _variance_basis(m: Any) -> Any:
-    """Return the Allan variance (n, 3) of white noise, flicker and random walk at averages of m samples (n,)."""
+    """Return the Allan variance (n, 3) of unit white noise, flicker and random walk, for averages of m samples (n,)."""
     return ((2 * _kernels(2 * m) - 8 * _kernels(m)) / (2 * m * m)).T
 
 
 @functools.lru_cache(maxsize=8)
 def _moments(samples: int, averages: tuple[int, ...]) -> Any:
-    """Return T (n, n, 3, 3). The covariance of the Allan variances at averages i and j is theta' T[i, j] theta."""
+    """Return T (n, n, 3, 3). theta' T[i, j] theta is the covariance of Allan variances i and j, see `_covariance`."""
     n = len(averages)
     T = np.zeros((n, n, 3, 3))
     for i in range(n):
@@ -233,9 +249,9 @@ def _moments(samples: int, averages: tuple[int, ...]) -> Any:
 
 
 def _pair_moments(points: int, m1: int, m2: int) -> Any:
-    """Return the matrix T (3, 3) of `_moments` for averages of m1 and m2 samples of a sum with `points` points.
+    """Return the block T[i, j] (3, 3) of `_moments` for averages of m1 and m2 samples. points: length of the sum.
 
-    It is 2/(4 m1² m2² M1 M2) times the sum, over all pairs of second differences, of products of their covariances.
+    The block is 2/(4 m1² m2² M1 M2) times a sum over all pairs of second differences of products of covariances.
     """
     M1, M2 = points - 2 * m1, points - 2 * m2
     stride = max(1, min(m1, m2) // FINEST)
@@ -251,7 +267,7 @@ def _pair_moments(points: int, m1: int, m2: int) -> Any:
 
 
 def _covariance(theta: Any, moments: Any) -> Any:
-    """Return the covariance (n, n) of the Allan variances for noise with squared coefficients theta (3,).
+    """Return the covariance (n, n) of the Allan variances. theta (3,): N², B² and K² of the noise.
 
     A small diagonal term keeps the covariance positive definite.
     """

@@ -1,4 +1,4 @@
-"""Survey of beacon positions, from ranges to the beacons and the motion of the ranging unit.
+"""Survey of beacon positions, from measured ranges to the beacons and the motion of the vehicle's ranging receiver.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -12,16 +12,16 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, quantity, record
 
 ANGLES = np.radians([15.0, 60.0, 90.0, 120.0, 165.0])
-"""Angles of a beacon about the main line of the path (rad) at which the searches start.
+"""Start values (rad) for a beacon's angle about the main line of the path. One search is made from each.
 
-All these start positions have the same distance from the line. This distance is estimated from the ranges.
+The start positions of a beacon all have the same distance from the line, which is estimated from the ranges.
 """
 DAMPING, DAMPING_MAX = 1e-3, 1e12
 """Initial and largest damping of a Levenberg-Marquardt step, relative to the diagonal of J'J."""
 CONVERGED = 1e-8
-"""Largest change of an unknown in a search step, in its standard errors, at which the search has converged."""
+"""Largest change of an unknown in a converged search's last step, in standard errors of the unknown."""
 EQUAL = 12.0
-"""Largest difference of two solutions' sums of squares at which both are possible, in mean squared residuals."""
+"""Largest difference in squared residuals of two solutions, in mean square residuals, at which both are possible."""
 APART = 5.0
 """Distance between two solutions for a beacon, in standard errors, above which the solutions count as different."""
 DETERMINED = 0.1
@@ -30,37 +30,40 @@ DETERMINED = 0.1
 
 @record
 class BeaconSurvey:
-    """Surveyed beacon positions, and the path of the ranging unit.
+    """Surveyed beacon positions, and path of the ranging receiver.
 
-    Frames:  W: its origin is the position at the first ping, its axes are those of the odometry.
+    Frames:  W: the origin is the receiver's position at the first ping, the axes are those of the odometry.
     Source:  Triggs et al., "Bundle adjustment: a modern synthesis", 1999; the task is from [1] chapter 7.
     """
 
     beacons: Any = quantity("m", "Positions of the beacons (n, 3).", frame="W")
     covariance: Any = quantity("m^2", "Covariance of each beacon's position (n, 3, 3).")
-    path: Any = quantity("m", "North and east position of the ranging unit at each ping (k, 2).", frame="W")
-    residual: Scalar = quantity("1", "Root of: sum of squared weighted residuals, divided by the degrees of freedom.")
+    path: Any = quantity("m", "North and east position of the ranging receiver at each ping (k, 2).", frame="W")
+    residual: Scalar = quantity("1", "Root of the weighted sum of squared residuals per degree of freedom.")
     iterations: Scalar = quantity("1", "Number of steps of the Levenberg-Marquardt search.", kind="count")
 
     def standard_errors(self) -> Any:
-        """Return standard errors (m) of the beacons' coordinates (n, 3), from the assumed range and odometry noise."""
+        """Return standard errors (n, 3) of the beacons' coordinates (m), which follow from the assumed noise."""
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
 
 def survey_beacons(
     ranges: Any, odometry: Any, *, range_noise: float, odometry_noise: float, iterations: int = 100
 ) -> BeaconSurvey:
-    """Estimate positions of beacons and the ranging unit's path by least squares, from ranges and odometry.
+    """Estimate positions of beacons and the path of the ranging receiver by least squares, from ranges and odometry.
 
     Args:
-        ranges: true ranges (m), corrected for the cone error, shape (k, n): k pings, n beacons. NaN means no reply.
+        ranges: measured ranges (k, n) in m, for k pings and n beacons, corrected for the cone error. NaN means no
+            reply.
         odometry: displacement from each ping to the next (m), north and east, shape (k - 1, 2), from odometry or
-            inertial navigation. Its axes become those of W. The origin of W is the position at the first ping.
+            inertial navigation. The axes of the odometry become those of W. The origin of W is the position at the
+            first ping.
         range_noise: standard deviation of a range (m).
         odometry_noise: standard deviation of each coordinate of a displacement (m).
         iterations: maximum number of search steps from each start position.
 
-    The unit stays at down = 0 and the beacons are above it. Each beacon needs four pings that are not on one line.
+    The receiver stays at down = 0, and the beacons are above. Each beacon must answer four pings that are not on one
+    line.
 
     Raises: InputError if no search converges, if several positions of a beacon fit the ranges equally well, or if the
     standard error of a beacon's coordinate exceeds DETERMINED times the beacon's distance.
@@ -80,7 +83,7 @@ def survey_beacons(
             found.append(_put_above(end, n))
     if not found:
         fix = "drive loops as wide as the beacons are high; leave out ranges with large errors"
-        raise InputError("survey", f"no search converges in {iterations} steps", fix=fix)
+        raise InputError("survey", f"no search for the beacon positions converges in {iterations} steps", fix=fix)
     best = min(found, key=lambda end: end.cost)
     dof = max(int(np.isfinite(ranges).sum()) + 2 * (k - 1) - len(best.x), 1)
     rest = float(np.sqrt(best.cost / dof))
@@ -103,14 +106,14 @@ class _SearchEnd(NamedTuple):
 
 
 def _put_above(end: _SearchEnd, n: int) -> _SearchEnd:
-    """Return the result with all beacons above the ranging unit. Beacons mirrored below it have the same ranges."""
+    """Return the result with all beacons above the ranging receiver. Beacons mirrored below have the same ranges."""
     sign = np.ones(len(end.x))
     sign[2 : 3 * n : 3] = np.where(end.x[2 : 3 * n : 3] > 0, -1.0, 1.0)
     return end._replace(x=end.x * sign, covariance=end.covariance * np.outer(sign, sign))
 
 
 def _search(residuals: Callable[[Any], tuple[Any, Any]], x: Any, iterations: int) -> _SearchEnd | None:
-    """Return the result of a Levenberg-Marquardt search, or None if it fails to converge or to determine all unknowns.
+    """Return the result of a Levenberg-Marquardt search. Return None if it does not converge or determine all unknowns.
 
     Source: D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", SIAM J. 11 (1963).
     """
@@ -145,9 +148,9 @@ def _search(residuals: Callable[[Any], tuple[Any, Any]], x: Any, iterations: int
 
 
 def _refuse_doubt(best: _SearchEnd, found: list[_SearchEnd], n: int, path: Any, near: float) -> None:
-    """Raise InputError if another position of a beacon fits as well, or if the ranges do not determine its position.
+    """Raise InputError if two positions of a beacon fit equally well, or if the ranges do not determine the position.
 
-    near: largest difference of the sums of squares at which two positions fit equally well.
+    near: largest difference of the sums of squared residuals at which two positions fit equally well.
     """
     fix = "drive a loop under the beacon, as wide as the beacon is high, and measure more ranges"
     errors = np.sqrt(np.diag(best.covariance)[: 3 * n]).reshape(n, 3)
@@ -172,19 +175,19 @@ def _check_ranges(ranges: Any, odometry: Any, range_noise: float, odometry_noise
     ranges, odometry = np.asarray(ranges, np.float64), np.asarray(odometry, np.float64)
     if ranges.ndim != 2 or odometry.shape != (len(ranges) - 1, 2):
         problem = f"got ranges of shape {ranges.shape}, odometry of shape {odometry.shape}"
-        raise InputError("survey", problem, fix="give (k, n) ranges and the (k - 1, 2) displacements between the pings")
+        raise InputError("survey", problem, fix="pass ranges (k, n) and displacements (k - 1, 2) between pings")
     if not (range_noise > 0 and odometry_noise > 0):
-        problem = f"the noise must be above 0 m, got {range_noise} m for ranges and {odometry_noise} m for odometry"
-        raise InputError("survey", problem, fix="give standard deviations above 0")
+        problem = f"range_noise and odometry_noise must be above 0 m, got {range_noise} m and {odometry_noise} m"
+        raise InputError("survey", problem, fix="pass standard deviations above 0")
     return ranges, odometry
 
 
 def _guess_beacon(path: Any, ranges: Any, number: int, angle: float) -> Any:
-    """Estimate a beacon's position (3,), from its position along the main line of the path and its distance from it.
+    """Estimate a beacon's position (3,), as the start of a search, from the ranges to the beacon and the path.
 
-    rho^2 = s^2 - 2 a s + c is linear in a and c: rho is a range, s the unit's position along the line, a the beacon's
-    position along the line, and c - a^2 the squared distance. number: index of the beacon, for errors.
-    angle: angle of the beacon about the line (rad), from horizontal upwards.
+    rho^2 = s^2 - 2 a s + c is linear in a and c. rho is a range. s and a are the positions of receiver and beacon along
+    the main line of the path. c - a^2 is the beacon's squared distance from the line. number: index of the beacon, for
+    errors. angle: angle of the beacon about the line (rad), from horizontal upwards.
     """
     there = np.isfinite(ranges)
     if there.sum() < 4:
@@ -209,9 +212,9 @@ def _guess_beacon(path: Any, ranges: Any, number: int, angle: float) -> Any:
 def _weighted_residuals(
     x: Any, ranges: Any, odometry: Any, range_noise: float, odometry_noise: float
 ) -> tuple[Any, Any]:
-    """Return weighted residuals and their Jacobian.
+    """Return the weighted residuals of ranges and odometry, and their Jacobian.
 
-    x: coordinates of n beacons (3 each), then those of k - 1 positions of the ranging unit (2 each).
+    x: coordinates of n beacons (3 each), then of k - 1 positions of the ranging receiver (2 each).
     """
     k, n = ranges.shape
     beacons = x[: 3 * n].reshape(n, 3)

@@ -2,8 +2,8 @@
 
     J r' = -(c0 tanh(r/r0) + c1 r + c2 |r| r)        m u' = -(c0 tanh(u/u0) + c1 u + c2 |u| u)
 
-The model's speeds are fitted to the measured ones (output error). The initial speed of each trial is fitted, too.
-Coefficients are never negative.
+The speeds of the model are fitted to the measured speeds (output error). The initial speed of each trial is also
+fitted. Coefficients are never negative.
 
 Source: the form is that of `vehicles.hovercraft.Friction`; the fit, Ljung, "System identification", 1999, section 7.2.
 """
@@ -20,11 +20,11 @@ from trimtab.logs.measurements import TRIAL, MeasuredColumn, Measurements, refus
 from trimtab.loop.calibration import Calibration, Covariance, Entry
 
 SPIN_COLUMNS = (
-    MeasuredColumn("time", "s", "time; may start at any value"),
+    MeasuredColumn("time", "s", "time, which may start at any value"),
     MeasuredColumn("yaw_rate", "rad/s", "yaw rate", -50, 50, most=0.2),
 )
 GLIDE_COLUMNS = (
-    MeasuredColumn("time", "s", "time; may start at any value"),
+    MeasuredColumn("time", "s", "time, which may start at any value"),
     MeasuredColumn("speed", "m/s", "speed", -50, 50, most=0.1),
 )
 NAMES = ("coulomb", "viscous", "quadratic")
@@ -32,11 +32,11 @@ UNITS = {"torque": ("N m", "N m s", "N m s^2"), "force": ("N", "N s/m", "N s^2/m
 
 
 class FrictionFit(NamedTuple):
-    """Fitted friction. coefficients: Coulomb, viscous, quadratic (3,), in `UNITS`.
+    """Fitted friction. coefficients: Coulomb, viscous and quadratic coefficient (3,), in `UNITS`.
 
     covariance: covariance of the coefficients (3, 3).  trials: times, speeds and fitted speeds of each trial.
-    deviation: standard deviation of a speed reading. freedom: degrees of freedom of the fit.
-    kind: "torque" or "force".  inertia: moment of inertia (kg m²) for "torque", mass (kg) for "force".
+    deviation: standard deviation of a speed reading.  freedom: degrees of freedom of the fit.
+    kind: "torque" for a spin or "force" for a glide.  inertia: moment of inertia (kg m²) or mass (kg).
     """
 
     coefficients: Any
@@ -53,7 +53,7 @@ class FrictionFit(NamedTuple):
 
 
 def split_trials(data: Measurements, speed: str) -> list[tuple[Any, Any]]:
-    """Return times and speeds of each trial. The column `trial` numbers them; without it, all rows are one trial."""
+    """Return times and speeds of each trial. The column `trial` numbers the trials; without it there is one trial."""
     lines = np.asarray(data.lines)
     which = data[TRIAL] if TRIAL in data else np.zeros(len(data))
     trials = []
@@ -61,15 +61,15 @@ def split_trials(data: Measurements, speed: str) -> list[tuple[Any, Any]]:
         t, v = data["time"][which == name], data[speed][which == name]
         if len(t) < 8:
             problem = f"trial {name!r} has only {len(t)} readings"
-            raise InputError(f"file {data.file!r}", problem, fix="log at least 8, better 100, from full speed to rest")
+            raise InputError(
+                f"file {data.file!r}", problem, fix="log at least 8 readings, better 100, from full speed to rest"
+            )
         falls = np.flatnonzero(np.diff(t) <= 0)
         if len(falls):
             at = lines[which == name][falls[0] : falls[0] + 2]
             problem = f"trial {name!r}, line {at[1]}, column 'time': {t[falls[0] + 1]:.9g} s must be after"
             problem += f" {t[falls[0]]:.9g} s of line {at[0]}"
-            fix = (
-                "sort the lines by time, number several runs in a column trial, and check that headings are not swapped"
-            )
+            fix = "sort the lines by time, number the trials in a column trial, and check that headings are not swapped"
             raise InputError(f"file {data.file!r}", problem, fix=fix)
         refuse_spikes(data.select(which == name), speed)
         trials.append((t - t[0], v))
@@ -82,16 +82,16 @@ def fit_coast_down(
     """Fit Coulomb, viscous and quadratic friction to coast-down trials.
 
     Args:
-        trials: for each trial, times (n,) from 0 and speeds (n,), in rad/s or m/s.
-        inertia: moment of inertia (kg m²) of a spin, mass (kg) of a glide.
+        trials: for each trial, times (n,) that start at 0 and speeds (n,), in rad/s or m/s.
+        inertia: moment of inertia (kg m²) for a spin, mass (kg) for a glide.
         kind: "torque" for a spin, "force" for a glide.
         slip: speed scale of Coulomb friction: c0 tanh(speed/slip).
-        inertia_error: standard error of the inertia. All coefficients are proportional to the inertia.
+        inertia_error: standard error of the inertia, to which all coefficients are proportional.
     """
     size = max(float(np.max(np.abs(v))) for _, v in trials)
     falls = max(float(np.abs(v[:3]).mean() - np.abs(v[-3:]).mean()) for _, v in trials)
     if falls < 0.1 * size:
-        problem = f"the speed falls by only {max(falls, 0.0):.3g} from {size:.3g}; this is not a coast-down"
+        problem = f"the speed falls by only {max(falls, 0.0):.3g} from {size:.3g}, so this is not a coast-down"
         raise InputError(
             "friction", problem, fix="let the craft slow down without thrust, to a third of its speed or to rest"
         )
@@ -119,7 +119,7 @@ def fit_coast_down(
 
 
 def friction_calibration(file: str, fit: FrictionFit) -> Calibration:
-    """Return the calibration entries for `Friction`, and their covariance."""
+    """Return a calibration of `Friction`: the coefficients and their covariance."""
     names = tuple(f"Friction.{fit.kind}_{name}" for name in NAMES)
     source = f"{file}: {len(fit.trials)} coast-down{'s' if len(fit.trials) > 1 else ''}, inertia {fit.inertia:.5g}"
     about: dict[str, Any] = {"freedom": fit.freedom, "source": source, "procedure": f"{fit.kind} friction"}
@@ -132,7 +132,7 @@ def friction_calibration(file: str, fit: FrictionFit) -> Calibration:
 
 
 def _scales(trials: Sequence[tuple[Any, Any]], size: float) -> Any:
-    """Return a scale (3,) of coefficient/inertia: its rough size if this kind of friction alone slowed the craft."""
+    """Return a rough size (3,) of each coefficient/inertia, as if that kind of friction alone slowed the craft."""
     times = [max(float(t[-1]), 1e-3) for t, _ in trials]
     rate = 1.0 / min(times)
     return np.array([rate * size, rate, rate / size])
@@ -141,7 +141,7 @@ def _scales(trials: Sequence[tuple[Any, Any]], size: float) -> Any:
 def _coast(c: Any, v0: float, t: Any, slip: float) -> Any:
     """Return speeds (n,) at times t (n,) under v' = -(c0 tanh(v/slip) + c1 v + c2 |v| v), from the speed v0.
 
-    The integration step is small enough for the fastest decay, which is that of Coulomb friction below `slip`.
+    The integration step is small enough for the fastest decay, that by Coulomb friction at speeds below `slip`.
     """
     longest = min(0.02, 0.5 / (c[0] / slip + c[1] + 2 * c[2] * abs(v0) + 1e-9))
     v, out = float(v0), np.empty(len(t))

@@ -1,4 +1,4 @@
-"""Data of a log for identification: commands, the vehicle's input computed from the commands, and measurements."""
+"""Data for identification, read from a log: commands, the vehicle's input computed from the commands, measurements."""
 
 import dataclasses
 import math
@@ -21,19 +21,19 @@ from trimtab.logs.measurements import NEIGHBOURS, SPIKE
 from trimtab.loop.scenario import Scenario
 
 LONGEST_STEP = 0.02
-"""Longest integration step of the vehicle between two measurements, s."""
+"""Longest integration step (s) of the vehicle model between two measurements."""
 FASTEST_TURN, MOST_TURNS = 1.0, 1000
-"""Limits of a plausible angle: median change between two measurements (rad), and total number of turns."""
+"""Largest plausible values of a measured angle: median change between two measurements (rad), and number of turns."""
 GAP = 2.0
-"""Time without a measurement (s) after which the vehicle's state counts as unknown."""
+"""Longest gap between two measurements (s). After a longer gap the vehicle's state counts as unknown."""
 
 
 class FlightData(NamedTuple):
-    """Data of a log for identification. name: name of the log.  commands: record of arrays (m, …).
+    """Data for identification, read from a log. name: name of the log.  commands: record of arrays (m, …).
 
     command_ticks: time of each command (m,), 100 ns.  ticks: time of each measurement (n,), 100 ns.
     y: measured fields of the vehicle's state (n, k); NaN: not measured.
-    valid: (m,) bool, False while the actuators were neutral for lack of a command.  None: always valid.
+    valid: (m,) bool, False while the actuators were neutral because no command had arrived; None: always valid.
     """
 
     name: str
@@ -51,7 +51,7 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
         log: log of a run, of a flight, or of another system (converted by a mapping).
         scenario: scenario with the same vehicle and actuators.
         sensor: sensor to use, e.g. "sensors.mocap". None: the only sensor that measures the vehicle's state.
-        name: name of the log, for errors.
+        name: name of the log, for error messages.
 
     Raises: InputError if the log has no commands of these actuators, or no field of the vehicle's state.
     """
@@ -62,7 +62,7 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
     fields = [f.name for f in dataclasses.fields(example)]
     if base is None or any(f"{base}.{f}" not in log for f in fields):
         has = sorted({p.rpartition(".")[2] for p in log.paths if ".value." in p})
-        problem = f"has no commands {', '.join(fields)} of {type(scenario.world.actuators).__name__}"
+        problem = f"does not contain the commands {', '.join(fields)} of {type(scenario.world.actuators).__name__}"
         fix = "check that the log is of this vehicle; for a log of another system, map the commands as [sensor.command]"
         raise InputError(where, problem, choices=has[:12], fix=fix)
     flag = f"{base.removesuffix('.value')}.valid"
@@ -79,7 +79,7 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
 
 
 def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: Any, y: Any) -> None:
-    """Raise InputError if an angle changes implausibly fast, as one in degrees does, or if there are outliers."""
+    """Raise InputError if an angle changes too fast, e.g. because it is in degrees, or if there are outliers."""
     angles = {path for path, _, d in leaves(scenario.initial) if isinstance(d, Quantity) and d.kind == "angle"}
     for i, state in enumerate(states):
         at = np.flatnonzero(np.isfinite(y[:, i]))
@@ -91,7 +91,7 @@ def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: 
             if np.median(change) > FASTEST_TURN or np.max(np.abs(values)) > MOST_TURNS * 2 * np.pi:
                 problem = f"{state!r} reaches {np.max(np.abs(values)):.3g} rad and changes by {np.median(change):.2g}"
                 problem += " rad from one measurement to the next"
-                fix = f'if the log is in degrees, write in its mapping: {state} = {{ from = …, unit = "deg" }}'
+                fix = f'if the log is in degrees, write in the mapping: {state} = {{ from = …, unit = "deg" }}'
                 raise InputError(where, problem, fix=fix)
             values = np.unwrap(values)
         around = np.lib.stride_tricks.sliding_window_view(np.pad(values, NEIGHBOURS, mode="edge"), 2 * NEIGHBOURS + 1)
@@ -99,15 +99,15 @@ def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: 
         wild = off > np.maximum(SPIKE * 1.4826 * np.median(off), 0.05 * np.ptp(np.median(around, axis=1)))
         if wild.any():
             k = int(np.argmax(np.where(wild, off, 0.0)))
-            problem = f"{state!r} differs by {off[k]:.3g} from the measurements around it at {t[k] - t[0]:.3f} s"
+            problem = f"{state!r} differs by {off[k]:.3g} from the neighbouring measurements at {t[k] - t[0]:.3f} s"
             problem += (
                 f" (measurement {at[k] + 1}); there are {int(wild.sum())} such outliers" if wild.sum() > 1 else ""
             )
-            raise InputError(where, problem, fix="leave that row out: it is not sensor noise, and it distorts the fit")
+            raise InputError(where, problem, fix="leave that log row out, because an outlier distorts the fit")
 
 
 def _example_command(scenario: Scenario) -> Any:
-    """Return an example of a command for the scenario's actuators: the neutral input, or the failsafe's command."""
+    """Return an example of an actuator command: the actuators' neutral input, or the failsafe's command."""
     actuators = scenario.world.actuators
     neutral = getattr(actuators, "neutral_input", None)
     if neutral is not None:
@@ -126,7 +126,7 @@ def _measuring_block(log: Log, states: Sequence[str], sensor: str | None, where:
         if short not in unique:
             raise InputError(
                 argument_name("sensor", sensor),
-                f"{where} has no such measurements",
+                f"{where} does not contain measurements of this sensor",
                 choices=unique,
                 fix=argument("sensor", next(iter(unique)))
                 if unique
@@ -138,15 +138,15 @@ def _measuring_block(log: Log, states: Sequence[str], sensor: str | None, where:
             f"{where}: {'several sensors measure' if unique else 'no sensor measures'} fields of the vehicle's state"
         )
         choices = unique or states
-        fix = argument("sensor", next(iter(unique))) if unique else "map a sensor to fields of these names"
+        fix = argument("sensor", next(iter(unique))) if unique else "map a sensor to fields with these names"
         raise InputError("identify", problem, choices=choices, fix=fix)
     return next(iter(unique.values()))
 
 
 def _read_measured(log: Log, block: str, states: Sequence[str]) -> tuple[Any, Any]:
-    """Return the times (n,) in ticks, and the state's fields (n, number of fields), of a sensor's valid samples.
+    """Return times (n,) in ticks, and measured state fields (n, number of fields), of a sensor's valid samples.
 
-    Each sample occurs once, although the log repeats it in each row until the next sample.
+    Each sample is returned once, although the log repeats a sample in each row until the next sample.
     """
     t = np.asarray(log[f"{block}.t"], np.int64) if f"{block}.t" in log else np.asarray(log.ticks)
     valid = log[f"{block}.valid"].astype(bool) if f"{block}.valid" in log else np.ones(len(t), bool)
@@ -159,7 +159,7 @@ def _read_measured(log: Log, block: str, states: Sequence[str]) -> tuple[Any, An
 
 
 def find_grid(actuators: Any) -> int:
-    """Return the time step of the actuators' output (ticks): the greatest common divisor of their parts' periods."""
+    """Return the time step of the actuators' output (ticks): greatest common divisor of the actuators' periods."""
     own = actuators.period
     periods = [
         getattr(r, name)
@@ -179,7 +179,7 @@ class GridCommands(NamedTuple):
 
 
 def lay_on_grid(grid: int, flight: FlightData) -> GridCommands:
-    """Return the command in effect at each multiple of the time step `grid` (ticks), over the whole flight."""
+    """Return the command in effect at each multiple of the time step `grid` (ticks), for the whole flight."""
     first = int(flight.command_ticks[0] // grid * grid)
     n = int((flight.command_ticks[-1] - first) // grid) + 1
     t = first + grid * np.arange(n, dtype=np.int64)
@@ -189,7 +189,7 @@ def lay_on_grid(grid: int, flight: FlightData) -> GridCommands:
 
 
 def actuate(actuators: Any, grid: int, commands: GridCommands) -> Any:
-    """Return the time integral of the vehicle's input from the first instant of the grid to each instant (n + 1,)."""
+    """Return the time integral (n + 1,) of the vehicle's input, from the first time of the grid to each later time."""
     drive = replace(actuators, period=grid)
 
     def advance(state: Any, row: Any) -> Any:
@@ -206,11 +206,11 @@ def actuate(actuators: Any, grid: int, commands: GridCommands) -> Any:
 
 
 def mean_input(integral: Any, grid: int, edges: Any, delay: Any) -> Any:
-    """Return the mean input over each integration step (n,), if commands take effect after a delay.
+    """Return the mean input of the vehicle over each integration step (n,), if commands take effect after a delay.
 
     Args:
         integral: result of `actuate`.  grid: time step of the integral (ticks).
-        edges: boundaries of the integration steps (n,), in units of `grid` from its start.  delay: delay (s).
+        edges: boundaries of the integration steps (n,), in units of `grid` since the first time.  delay: delay (s).
     """
     place = jnp.asarray(edges) - delay / to_seconds(grid)
 
@@ -229,7 +229,7 @@ def mean_input(integral: Any, grid: int, edges: Any, delay: Any) -> Any:
 
 
 def fill_gaps(ticks: Any) -> tuple[Any, Any]:
-    """Return times (ticks) with additional ones where two are far apart, and the indices of the original times."""
+    """Return times (ticks) with others inserted where two are far apart, and the indices of the original times."""
     longest = LONGEST_STEP * UNITS_PER_SECOND
     parts = np.maximum(np.ceil(np.diff(ticks) / longest).astype(int), 1)
     parts = np.where(np.diff(ticks) > GAP * UNITS_PER_SECOND, 1, parts)

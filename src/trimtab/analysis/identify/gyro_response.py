@@ -1,8 +1,9 @@
-"""Response of a gyro to a changing rate: a difference equation with a delay, fitted to a sweep, and its inverse.
+"""Response of a gyro to a changing angular rate: a difference equation with a delay, fitted to a sweep, and inverted.
 
     y_k = b0 u_{k-D} - a1 y_{k-1} - a2 y_{k-2} + o
 
-The fit minimises the output error: it compares the model's own output, not a prediction from the gyro's last samples.
+The fit minimises the output error: it compares the gyro with the model's simulated output, not with a prediction from
+the gyro's last samples.
 The parameters of the fit (reflection coefficients) keep both poles inside the unit circle. Apart from its delay the
 model has zeros only at 0, so it is minimum phase and its inverse is stable.
 
@@ -22,27 +23,27 @@ from trimtab.logs.measurements import MeasuredColumn, Measurements
 from trimtab.loop.calibration import Calibration, Covariance, Entry
 
 COLUMNS = (
-    MeasuredColumn("time", "s", "time, evenly spaced; may start at any value"),
+    MeasuredColumn("time", "s", "evenly spaced time, which may start at any value"),
     MeasuredColumn("reference", "rad/s", "true rate, e.g. from an encoder", -100, 100, most=0.05),
     MeasuredColumn("gyro", "rad/s", "rate measured by the gyro", -100, 100, most=0.05),
 )
 MOST_DELAY = 8
 """Largest delay of the gyro that the fit tries, in samples."""
 SETTLE = 4
-"""Number of samples that the fit ignores at the start of a log, because they depend on rates before it."""
+"""Number of samples at the start of a log that the fit ignores, because they depend on angular rates before the log."""
 INSIDE = 0.999
-"""Largest magnitude of a reflection coefficient in the fit. It keeps the poles inside the unit circle."""
+"""Largest magnitude of a reflection coefficient in the fit. This limit keeps the poles inside the unit circle."""
 WILD = 12.0
 """Deviation of a sample from the fitted model, in standard deviations, above which the log is rejected."""
 NAMES = ("IdentifiedGyro.b0", "IdentifiedGyro.a1", "IdentifiedGyro.a2")
 
 
 class GyroFit(NamedTuple):
-    """Fitted model of a gyro. b0, a1, a2: its coefficients.  covariance: covariance of b0, a1, a2 (3, 3).
+    """Fitted model of a gyro. b0, a1, a2: coefficients.  covariance: covariance of b0, a1, a2 (3, 3).
 
     delay: delay in samples.  offset: offset (rad/s).  period: time between samples (s).  deviation: standard deviation
     of the output error (rad/s).  freedom: degrees of freedom of the fit.  fitted: the model's output (n,).  highest:
-    largest frequency in the reference (Hz).
+    frequency (Hz) below which the reference has 99 % of its power.
     """
 
     b0: float
@@ -58,7 +59,7 @@ class GyroFit(NamedTuple):
     highest: float
 
     def gain(self) -> float:
-        """Return the gain of the gyro at a constant rate."""
+        """Return the gain of the gyro at a constant angular rate."""
         return self.b0 / (1 + self.a1 + self.a2)
 
     def response(self, frequency: Any) -> Any:
@@ -67,7 +68,7 @@ class GyroFit(NamedTuple):
         return self.b0 * z1**self.delay / (1 + self.a1 * z1 + self.a2 * z1**2)
 
     def inverse(self, y: Any) -> Any:
-        """Return the rates (n,) that caused the gyro's samples y (n,): u_k = (y_k + a1 y_{k-1} + a2 y_{k-2})/b0.
+        """Return the rates (n,) that cause the gyro's samples y (n,): u_k = (y_k + a1 y_{k-1} + a2 y_{k-2})/b0.
 
         The delay is not corrected.
         """
@@ -75,9 +76,10 @@ class GyroFit(NamedTuple):
 
 
 def fit_gyro(data: Measurements) -> GyroFit:
-    """Fit the delay, coefficients and offset of a gyro to a frequency sweep with the columns `COLUMNS`.
+    """Fit delay, coefficients and offset of a gyro to a frequency sweep. data: readings with the columns `COLUMNS`.
 
-    Raises: InputError if times are uneven, if there are too few samples, or if the gyro does not follow the reference.
+    Raises: InputError if times are not evenly spaced, if samples are too few, or if the gyro does not follow the
+    reference.
     """
     t, u, y = data["time"], data["reference"], data["gyro"]
     where = f"file {data.file!r}"
@@ -85,7 +87,7 @@ def fit_gyro(data: Measurements) -> GyroFit:
     period = float(np.median(steps)) if len(steps) else 0.0
     uneven = np.flatnonzero(np.abs(steps - period) > 0.02 * period)
     if len(t) < 200 or len(uneven):
-        what = f"{len(t)} samples are too few" if len(t) < 200 else ""
+        what = f"{len(t)} samples are too few for a fit" if len(t) < 200 else ""
         line = "" if what else f"line {data.lines[uneven[0] + 1]} comes {steps[uneven[0]]:.6g} s after the line before,"
         problem = what or f"{line} but the usual step is {period:.6g} s"
         raise InputError(where, problem, fix="log a sweep of 200 evenly spaced samples or more, without gaps")
@@ -96,7 +98,7 @@ def fit_gyro(data: Measurements) -> GyroFit:
     freedom = n - 4
     deviation = float(np.sqrt(2 * best.cost / freedom))
     if deviation > 0.5 * np.std(y):
-        problem = f"the best model's rms error is {deviation:.3g} rad/s; the gyro's own deviation is {np.std(y):.3g}"
+        problem = f"the best model's rms error is {deviation:.3g} rad/s; the gyro signal's deviation is {np.std(y):.3g}"
         fix = "check that reference and gyro have the same axis, the same sign, and the units in their headings"
         raise InputError(where, problem, fix=fix)
     _refuse_wild(data, best.fun, delay)
@@ -111,7 +113,7 @@ def fit_gyro(data: Measurements) -> GyroFit:
 
 
 def gyro_calibration(data: Measurements, fit: GyroFit) -> Calibration:
-    """Return the gyro's calibration entries: its coefficients, and its delay, which the inverse does not correct."""
+    """Return the gyro's calibration entries: coefficients, and the delay, which the inverse model does not correct."""
     source = f"{data.file}: {len(data)} samples each {1e3 * fit.period:.6g} ms, up to {fit.highest:.3g} Hz"
     about: dict[str, Any] = {"freedom": fit.freedom, "source": source, "procedure": "gyro"}
     errors = np.sqrt(np.diagonal(fit.covariance))
@@ -129,7 +131,9 @@ def _refuse_wild(data: Measurements, rest: Any, delay: int) -> None:
         line = int(data.lines[int(np.argmax(off)) + delay + SETTLE])
         problem = f"line {line}: the gyro deviates by {off.max():.3g} rad/s from its model, usually by {usual:.2g};"
         problem += " this sample, or the reference just before it, is probably wrong"
-        raise InputError(f"file {data.file!r}", problem, fix="replace it by the mean of its neighbours, or cut the log")
+        raise InputError(
+            f"file {data.file!r}", problem, fix="replace the sample by its neighbours' mean, or cut the log"
+        )
 
 
 def _fit_delay(u: Any, y: Any, delay: int) -> Any:
@@ -143,7 +147,7 @@ def _fit_delay(u: Any, y: Any, delay: int) -> Any:
 def _coefficients(p: Any) -> tuple[float, float, float, float]:
     """Return b0, a1, a2, offset.
 
-    p: gain at a constant rate, two numbers whose tanh gives the reflection coefficients, offset.
+    p: gain at a constant rate, two numbers whose tanh are the reflection coefficients, and offset.
     """
     k1, k2 = INSIDE * np.tanh(p[1]), INSIDE * np.tanh(p[2])
     a1, a2 = float(k1 * (1 + k2)), float(k2)

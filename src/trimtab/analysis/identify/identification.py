@@ -1,8 +1,8 @@
 """Identification of a scenario's vehicle and actuators from logs.
 
-The logged commands are the input of the scenario's actuator models. Their output, delayed by an unknown time, drives
-the vehicle model from one measurement to the next. The measurements are fields of the vehicle's state, such as
-the pose from a motion capture system.
+The logged commands are the input of the scenario's actuator models. The output of these models, delayed by an unknown
+time, drives the vehicle model from one measurement to the next. The measurements are fields of the vehicle's state,
+such as the pose from a motion capture system.
 """
 
 import functools
@@ -42,37 +42,39 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.fit_parameters import DELAY, FitParameter, find_parameters, find_scale
 
 UNMEASURED = 2.0
-"""Initial standard deviation (SI units) of a state that is not measured. The magnitude of the scenario's initial value
-is added. The state is initialised at the start of a log and after each long gap."""
+"""Initial standard deviation (SI units) of a state that is not measured. The absolute value of the scenario's initial
+state is added. The filter is initialised at the start of a log and after each long gap."""
 NOISE_START = {"m": 5e-3, "rad": 5e-3, "m/s": 2e-2, "rad/s": 2e-2}
 PROCESS_START = {"m/s": 1e-3, "rad/s": 1e-2}
-"""Initial guess of the process noise intensity, by the unit of the state: in (unit)² per second."""
+"""Start value of the process noise intensity in (unit)² per second, by the unit of the state."""
 LEAST_PROCESS = math.log(1e-8)
-"""Logarithm of the smallest process noise intensity: models are assumed to err by 0.1 mm/s or 0.1 mrad/s per second."""
+"""Logarithm of the smallest process noise intensity: every model is assumed to err by 0.1 mm/s or 0.1 mrad/s in 1 s."""
 HORIZON = 1.0
 """Prediction horizon (s) at which a fitted model is compared with the measurements."""
 
 
 EXPLAINED = 0.5
-"""Largest rms prediction error, as a fraction of a field's rms change, at which a model explains the field."""
+"""Largest rms prediction error of a field, as a fraction of the field's rms change, if the model explains the field."""
 
 
 CORRELATED = 0.5
-"""Correlation of successive innovations above which the errors of a sensor count as correlated."""
+"""Correlation of successive innovations above which the sensor's errors count as correlated in time."""
 
 
 class Identified(NamedTuple):
-    """Identified parameters. values: (m,).  intervals: 95 % intervals (m, 2).
+    """Identified parameters. values: parameter values (m,).  intervals: 95 % intervals (m, 2).
 
     groups: groups of parameters that the data cannot distinguish.
-    noise: field -> standard deviation of its measurements.  process: field -> intensity of its process noise (unit²/s).
-    unexplained: field -> rms error of predictions `HORIZON` ahead in the fitted flights, and rms change of the field in
-    that time. It lists the fields whose error is not much smaller than their change. The cause is a wrong model, or
-    wrong units, signs or axes in the log.
-    correlated: field -> correlation of successive innovations if it is large, listed only if there are unexplained
-    fields. The sensor errors are then not white noise, and the law's reaction to them is attributed to the vehicle.
-    held_out: field -> rms errors of predictions `HORIZON` ahead in flights that were not fitted: with nominal
-    parameters, with fitted parameters.
+    noise: state field -> standard deviation of the measurements.  process: state field -> process noise intensity
+    (unit²/s).
+    unexplained: fields whose rms prediction error over the time `HORIZON`, in the fitted flights, is not much smaller
+    than their rms change in that time -> (error, change). The cause is a wrong model, or wrong units, signs or axes in
+    the log.
+    correlated: fields with a large correlation of successive innovations -> correlation. Only listed if a field is
+    unexplained. The sensor errors are then not white noise, and the fit attributes the law's reaction to the errors to
+    the vehicle.
+    held_out: field -> rms prediction errors over the time `HORIZON` in flights that were not fitted, with nominal and
+    with fitted parameters.
     """
 
     parameters: tuple[FitParameter, ...]
@@ -102,14 +104,14 @@ def identify(
     held_out: Sequence[FlightData] = (),
     tell: Callable[[str, int, float], None] = lambda stage, iteration, value: None,
 ) -> Identified:
-    """Return parameters of a scenario's vehicle and actuators, fitted to flights.
+    """Fit parameters of a scenario's vehicle and actuators to flights, and return the result.
 
     Args:
-        scenario: scenario with the nominal values, at which the search starts.
+        scenario: scenario with the nominal parameter values, at which the search starts.
         flights: flights to fit.
         paths: parameters to fit: settings below world.vehicle and world.actuators, and "delay".
-        held_out: other flights, on which nominal and fitted values are compared.
-        tell: function that is called with stage, iteration and log likelihood, to show the progress.
+        held_out: flights for validation, on which nominal and fitted values are compared.
+        tell: function that is called with stage, iteration and log likelihood, e.g. to show the progress.
 
     Raises: InputError for parameters that can't be fitted.
     """
@@ -118,10 +120,10 @@ def identify(
 
 
 def identify_each(scenario: Scenario, flights: Sequence[FlightData], paths: Sequence[str]) -> list[Identified]:
-    """Return parameters of a scenario's vehicle and actuators, fitted to each flight separately.
+    """Fit parameters of a scenario's vehicle and actuators to each flight separately, and return the results.
 
-    The results can be compared by their intervals. For flights of the same length, with measurements at the same times,
-    the likelihood is compiled once.  Raises: as `identify`.
+    The results of the flights can be compared by their intervals. For flights of the same length, with measurements at
+    the same times, the likelihood is compiled once.  Raises: as `identify`.
     """
     return _identify_groups(scenario, [[flight] for flight in flights], paths, (), lambda stage, iteration, value: None)
 
@@ -187,7 +189,7 @@ def _identify_group(
 class _IdentifiedWorld:
     """Model to fit: vehicle, actuators and noise as functions of a vector of unknowns.
 
-    The unknowns are (parameters - start)/scale, then the logarithms of the measurement noise variances and of the
+    The vector contains (parameters - start)/scale, the logarithms of the measurement noise variances, and those of the
     process noise intensities.
     """
 
@@ -228,7 +230,7 @@ class _IdentifiedWorld:
         return low, high
 
     def _model(self) -> Model:
-        """Return the model to fit. Its inputs are computed from the field `drive` of a `Timeline`."""
+        """Return the model to fit. The inputs of the model are computed from the field `drive` of a `Timeline`."""
         m, k = len(self.parameters), len(self.measured)
         spread = (UNMEASURED + np.abs(self.initial)) ** 2
         spread[list(self.measured)] = [(5 * NOISE_START.get(self.units[i], 1e-2)) ** 2 for i in self.measured]
@@ -256,7 +258,7 @@ class _IdentifiedWorld:
     def predict_held_out(
         self, flights: Sequence[FlightData], nominal: Any, fitted: Any
     ) -> dict[str, tuple[float, float]]:
-        """Return field -> rms errors of predictions `HORIZON` ahead: with nominal, and with fitted parameters."""
+        """Return field -> rms prediction errors over the time `HORIZON`, with nominal and with fitted parameters."""
         timeline = self.timeline(flights)
         when = np.concatenate([np.cumsum(np.where(b, 0.0, h)) for h, b in _stretches(timeline)])
         rows: dict[str, list[float]] = {self.fields[i]: [] for i in self.measured}
@@ -281,7 +283,7 @@ class _IdentifiedWorld:
     def find_unexplained(
         self, flights: Sequence[FlightData], fitted: Any, noise: Mapping[str, float]
     ) -> dict[str, tuple[float, float]]:
-        """Return the fields that the fitted model predicts hardly better than a constant, see `Identified`."""
+        """Return the fields that the fitted model predicts hardly better than a constant would, see `Identified`."""
         found = self.predict_held_out(flights, fitted, fitted)
         unexplained = {}
         for i, wraps in zip(self.measured, self.wraps, strict=True):
@@ -301,7 +303,7 @@ class _IdentifiedWorld:
         return unexplained
 
     def find_correlated(self, timeline: Timeline, fitted: Any) -> dict[str, float]:
-        """Return field -> correlation of its successive innovations, for fields with a large correlation."""
+        """Return the fields whose successive innovations have a large correlation, with the correlation."""
         innovations, found = self.likelihood.innovations(timeline, fitted), {}
         z = np.asarray(innovations.e) / np.sqrt(np.asarray(innovations.s))
         for j, i in enumerate(self.measured):
@@ -311,7 +313,7 @@ class _IdentifiedWorld:
         return found
 
     def noise_of(self, p: Any) -> tuple[dict[str, float], dict[str, float]]:
-        """Return field -> standard deviation of its measurements, and field -> intensity of its process noise."""
+        """Return standard deviation of the measurements of each field, and process noise intensity of each field."""
         m, k = len(self.parameters), len(self.measured)
         noise = {self.fields[i]: float(np.exp(v / 2)) for i, v in zip(self.measured, p[m : m + k], strict=True)}
         return noise, {self.fields[i]: float(np.exp(v)) for i, v in zip(self.driven, p[m + k :], strict=True)}
@@ -339,9 +341,9 @@ class _IdentifiedWorld:
         return any(p.path.startswith("world.actuators.") for p in self.parameters)
 
     def _driven_fields(self) -> tuple[int, ...]:
-        """Return indices of the state's fields whose derivatives depend on input or parameters.
+        """Return indices of the state fields whose time derivatives depend on input or parameters.
 
-        Only these fields have process noise.
+        Only the fields with these indices have process noise.
         """
         vehicle, neutral = self.world.vehicle, to_arrays(self.world.actuators.neutral().u)
         rng = np.random.default_rng(0)
@@ -357,7 +359,10 @@ class _IdentifiedWorld:
         return tuple(int(i) for i in np.flatnonzero(size > 0))
 
     def timeline(self, flights: Sequence[FlightData]) -> Timeline:
-        """Return all flights joined end to end, driven by actuator outputs, or by commands if actuators are fitted."""
+        """Return all flights joined end to end.
+
+        `drive` contains the actuator outputs, or the commands if actuators are fitted.
+        """
         rows, drive = [], []
         for flight in flights:
             y = flight.y[:, list(self.measured)]
@@ -365,7 +370,7 @@ class _IdentifiedWorld:
             ticks, y = flight.ticks[there], y[there]
             if len(ticks) < 20:
                 problem = f"{len(ticks)} measurements of the vehicle's state are too few; at least 20 are needed"
-                raise InputError(f"log {flight.name!r}", problem, fix="give a longer flight, of at least some seconds")
+                raise InputError(f"log {flight.name!r}", problem, fix="give a flight of at least several seconds")
             instants, at = fill_gaps(ticks)
             h = np.diff(instants, prepend=instants[0]) / UNITS_PER_SECOND
             begins = np.zeros(len(instants), bool)

@@ -20,7 +20,7 @@ class SpinUpTrial:
     """
 
     rudder_angle: Scalar = quantity("rad", "Rudder angle theta.", kind="angle")
-    force: Scalar = quantity("N", "Thrust; negative in reverse.")
+    force: Scalar = quantity("N", "Thrust, negative in reverse.")
     slope: Scalar = quantity("rad/s^2", "Initial slope of the yaw rate.")
 
 
@@ -29,9 +29,9 @@ class SlopeFit:
     """Straight line through the start of a spin-up. Source: Press et al., "Numerical recipes", 3rd ed., sec. 15.2."""
 
     slope: Scalar = quantity("rad/s^2", "Slope of the yaw rate.")
-    standard_error: Scalar = quantity("rad/s^2", "Standard error of the slope, from the residuals.")
-    offset: Scalar = quantity("rad/s", "Yaw rate of the fitted line at the start of the window.")
-    residual: Scalar = quantity("rad/s", "Standard deviation of the yaw rate about the line.")
+    standard_error: Scalar = quantity("rad/s^2", "Standard error of the slope, computed from the residuals.")
+    offset: Scalar = quantity("rad/s", "Yaw rate of the fitted line at the start of the time window.")
+    residual: Scalar = quantity("rad/s", "Standard deviation of the yaw rate about the fitted line.")
     samples: Scalar = quantity("1", "Number of samples used in the line fit.", kind="count")
 
 
@@ -41,7 +41,10 @@ def lateral_force(force: Any, force_angle: Any) -> Any:
 
 
 def moment_of_inertia(arm: Any, FY: Any, slope: Any) -> Any:
-    """Return J = -d FY / (dr/dt) (kg m^2) from arm d (m), lateral force (N), slope (rad/s^2). Source: [1] eq. 2.10."""
+    """Return J = -d FY / (dr/dt) (kg m^2) from arm d (m), lateral force FY (N), slope dr/dt (rad/s^2).
+
+    Source: [1] eq. 2.10.
+    """
     return -arm * FY / slope
 
 
@@ -54,7 +57,8 @@ def trial_inertia(
         trial: measured values.
         arm: distance from the centre of mass to the rudder pivot (m).
         force_angle: function from rudder angle to force angle, e.g. ``RudderGeometry().force_angle``.
-        decimals: number of decimals to which FY is rounded first. 2 reproduces [1] table 4.2. None: no rounding.
+        decimals: number of decimals to which the lateral force FY is rounded first; 2 reproduces [1] table 4.2. None
+            for no rounding.
     """
     FY = lateral_force(trial.force, force_angle(trial.rudder_angle))
     FY = FY if decimals is None else np.round(FY, decimals)
@@ -75,7 +79,7 @@ def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
     t, r = np.asarray(t, np.float64), np.asarray(yaw_rate, np.float64)
     if t.ndim != 1 or t.shape != r.shape:
         raise InputError(
-            "fit_slope", f"t has shape {t.shape}, yaw_rate has shape {r.shape}", fix="give two lists of one length"
+            "fit_slope", f"t has shape {t.shape}, yaw_rate has shape {r.shape}", fix="pass two lists of equal length"
         )
     if not (np.isfinite(t).all() and np.isfinite(r).all()):
         raise InputError(
@@ -86,7 +90,7 @@ def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
     inside = t - t[:1] <= window
     t, r = t[inside], r[inside]
     if len(t) < 3 or np.ptp(t) == 0:
-        problem = f"{len(t)} samples in the window of {window:g} s are too few for a slope with its error"
+        problem = f"{len(t)} samples in the window of {window:g} s are too few for a slope with standard error"
         raise InputError("fit_slope", problem, fix="use at least 3 samples at different times")
     centred = t - t.mean()
     spread = float(centred @ centred)
@@ -100,7 +104,7 @@ def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
 class LinearPortion(NamedTuple):
     """Linear part of a spin-up.
 
-    start: time of release (s).  window: duration of the linear rise (s).  fit: straight line through this rise.
+    start: time of release (s).  window: duration of the linear rise (s).  fit: straight line fitted to the linear rise.
     """
 
     start: float
@@ -111,9 +115,9 @@ class LinearPortion(NamedTuple):
 def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
     """Find the time at which a vehicle is released, and the time window in which its yaw rate then rises linearly.
 
-    The rate is modelled as zero before the release and as a parabola r = s t + q t² after it. The release is the
-    instant with the best fit. The window is the longest for which the curvature changes the slope of a straight
-    line (by q times the window) by less than half its standard error. This error can therefore be trusted.
+    The yaw rate is modelled as zero before the release and as a parabola r = s t + q t² after the release. The release
+    is the instant with the best fit. The window is the longest in which the curvature changes the slope of a straight
+    line (by q times the window) by less than half the slope's standard error, so that this error can be trusted.
 
     Args:
         t: times (s), shape (n,), at least 20, increasing.
@@ -132,7 +136,7 @@ def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
     n = len(low)
 
     def fit_rise(k: int) -> tuple[float, float]:
-        """Return squared misfit and curvature q of a yaw rate that is 0 until sample k and s t + q t² after it."""
+        """Return squared misfit and curvature q of a yaw rate model that is 0 until sample k and then s t + q t²."""
         since = np.maximum(t[:n] - t[k], 0)
         A = np.stack([since, since**2], 1)
         b = np.linalg.lstsq(A, low, None)[0]
@@ -142,7 +146,11 @@ def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
     rise = slice(start, start + 1 + int(np.argmax(np.abs(r[start:]) >= 0.9 * np.max(np.abs(r[start:])))))
     since, rates = t[rise] - t[start], r[rise]
     if len(since) < 6:
-        raise InputError("spin-up", f"the rise has only {len(since)} samples", fix="log faster, or use less thrust")
+        raise InputError(
+            "spin-up",
+            f"the rise of the rate has only {len(since)} samples",
+            fix="log at a higher rate, or use less thrust",
+        )
     bend = abs(fit_rise(start)[1])
     step = float(np.median(np.diff(t)))
     window = (0.5 * noise * np.sqrt(12 * step) / max(bend, 1e-12)) ** 0.4

@@ -1,6 +1,7 @@
 """Calibration of an inertial unit's noise: parameters of the sensor models, and Q and R of a filter.
 
-The sensor model has one noise value for all three axes: their root mean square. A planar filter has separate values
+The sensor model has one noise value for all three axes, namely the root mean square of the axes' values. A planar
+filter has separate values
 for the axes that it uses: the gyro about the vertical, the accelerometers forward and to starboard. The sensor model
 does not include flicker. The filter's bias walk includes the effect of flicker, see `allan.filter_noise`.
 """
@@ -15,7 +16,7 @@ from trimtab.analysis.identify.allan import FLICKER, NORMAL95, AllanFit, Coeffic
 from trimtab.loop.calibration import Calibration, Entry
 
 UNLIKELY = 0.001
-"""Largest probability that a noise difference between axes is chance, at which the difference is reported."""
+"""Significance level: a noise difference between axes is reported if it occurs by chance with a smaller probability."""
 AXES = "xyz"
 
 
@@ -24,8 +25,8 @@ class Triad(NamedTuple):
 
     unit: unit of a sample.  record: class name of the sensor model.
 
-    white: axis -> name of the filter's entry for the variance of a sample.
-    walk: axes that the filter uses, and name of the filter's entry for their bias walk.
+    white: axis -> name of the filter's parameter for the variance of a sample.
+    walk: axes that the filter uses, and name of the filter's parameter for the bias random walk of these axes.
     """
 
     unit: str
@@ -44,15 +45,18 @@ TRIADS: Mapping[str, Triad] = {
     ),
 }
 SQUARES = {"rad/s": ("rad^2/s^2", "rad^2/s^3"), "m/s^2": ("m^2/s^4", "m^2/s^5")}
-"""Unit of a sample -> unit of its variance, and unit of the growth of a bias's variance per second."""
+"""Unit of a sample -> unit of the sample's variance, and unit of a bias variance's growth per second."""
 
 
 Number = tuple[float, str, float]
-"""Value of a calibration entry, its unit and its standard error."""
+"""Value, unit and standard error of a calibrated parameter."""
 
 
 class NoiseCalibration(NamedTuple):
-    """Calibration of a sensor's noise. notes: sentences about noise that the log or the sensor model lacks."""
+    """Calibration of a sensor's noise.
+
+    notes: sentences for the user about noise that the log or the sensor model lacks.
+    """
 
     calibration: Calibration
     notes: tuple[str, ...]
@@ -61,7 +65,7 @@ class NoiseCalibration(NamedTuple):
 def noise_calibration(
     triad: str, axes: Mapping[int, AllanFit], source: str, step: float | None = None
 ) -> NoiseCalibration:
-    """Return the noise entries of a calibration for one sensor triad, from Allan fits of its axes at rest.
+    """Return the calibrated noise parameters of one three-axis sensor, from Allan fits of the axes at rest.
 
     Args:
         triad: "gyro" or "accelerometer".
@@ -98,7 +102,7 @@ def _sensor_numbers(to: Triad, axes: Mapping[int, AllanFit]) -> tuple[dict[str, 
         most = max(float(fit.flicker.value) for fit in axes.values())
         notes.append(
             f"flicker of {most:.3g} {to.unit} in {', '.join(flickers)}: the sensor models do not include "
-            "flicker, but the filter's noise does"
+            "flicker, but the filter's noise parameters do"
         )
     return found, notes
 
@@ -132,7 +136,7 @@ def _is_shown(value: float, error: float) -> bool:
 
 
 def _square(c: Coefficient) -> tuple[float, float]:
-    """Return the square of a coefficient, and the standard error of the square from the interval's upper end."""
+    """Return a squared coefficient, and the standard error of the square, computed from the interval's upper limit."""
     return float(c.value) ** 2, (float(c.high) ** 2 - float(c.value) ** 2) / NORMAL95
 
 
@@ -142,7 +146,7 @@ def _mean(squares: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
 
 def _walk_of_filter(fit: AllanFit) -> tuple[float, float]:
-    """Return the growth of a bias's variance per second, including the effect of flicker, and its standard error."""
+    """Return the growth of the bias variance per second, including flicker, and the standard error of this growth."""
     (N2, _), (B2, of_B2), (_, of_K2) = _square(fit.white), _square(fit.flicker), _square(fit.walk)
     dt, floor = float(fit.sampling_period), FLICKER * B2
     value = float(filter_noise(fit).bias_variance) / dt

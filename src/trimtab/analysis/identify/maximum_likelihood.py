@@ -4,8 +4,9 @@
     y_k = x_k[measured] + v_k,                v ~ N(0, diag(r(p)))
     log L(p) = -1/2 sum( e²/s + log(2 pi s) )      e, s: innovation, variance
 
-The filter predicts the state with the model's own step, and the covariance with the step's derivatives. e and s are
-differentiated with respect to all parameters at once, including noise variances. The search uses Fisher scoring:
+The filter predicts the state with the model's integration step, and the covariance with the derivatives of this step.
+e and s are differentiated with respect to all parameters, including the noise variances. The search uses Fisher
+scoring:
 
     I_ij = sum( e_i' e_j'/s + s_i' s_j'/(2 s²) )      g_i = sum( -e e_i'/s + (e²/s - 1) s_i'/(2 s) )
 
@@ -31,24 +32,25 @@ ITERATIONS = 40
 TOLERANCE = 0.02
 """Change of the log likelihood in a scoring step below which the search ends."""
 HALF_CHI = 1.9207294103470585
-"""Fall of the log likelihood, from its maximum to the ends of a 95 % interval: half of chi² of 1 degree of freedom."""
+"""Fall of the log likelihood from the maximum to the ends of a 95 % interval: half of chi², 1 degree of freedom."""
 COLLINEAR = 1e-4
 """Eigenvalue of the normalised information matrix below which the data do not determine the eigenvector's direction."""
 SHARE = 0.3
-"""Smallest component of a non-identifiable eigenvector for which the corresponding parameter is reported."""
+"""Smallest component of such an eigenvector for which the component's parameter is reported as not determined."""
 REACHES = np.array([-1.4, -0.8, 0.8, 1.4])
-"""Points at which the profile likelihood is computed, in half-widths of the information matrix's interval."""
+"""Distances from the estimate at which the profile likelihood is computed, in half-widths of the interval that follows
+from the information matrix."""
 CORRECTIONS = 1
 """Number of scoring steps for the other parameters at each point of the profile likelihood."""
 
 
 class Timeline(NamedTuple):
-    """One or more flights, joined end to end: n instants. A segment is a flight, or a flight's part after a long gap.
+    """One or more flights, joined end to end, with n instants. A segment is a flight, or a part of it after a long gap.
 
-    h: time since the instant before (n,) (s), 0 where a segment begins.  begins: (n,) bool, True at the first instant
+    h: time (s) since the previous instant (n,), 0 where a segment begins.  begins: (n,) bool, True at the first instant
     of a segment.
-    y: measurements (n, k).  seen: (n, k) bool, True where y was measured.  first: first state of a segment (n, d), used
-    only where one begins. drive: data from which the model computes its inputs.
+    y: measurements (n, k).  seen: (n, k) bool, True where y was measured.  first: initial state
+    (n, d), used only where a segment begins.  drive: data from which the model computes the inputs.
     """
 
     h: Any
@@ -60,13 +62,13 @@ class Timeline(NamedTuple):
 
 
 class Model(NamedTuple):
-    """Model to fit, as functions of the parameters p (m,), which may have any unit.
+    """Model to fit. All functions depend on the parameters p (m,), which may have any unit.
 
     step(p, x, u, h): state (d,) after a time h (s), from state x (d,) and input u.
     inputs(p, drive): inputs of all steps, arrays (n, …).
     process(p): process noise q (d,), variance per second.  noise(p): measurement noise variances r (k,).
     measured: indices of the measured states (k,).  wraps: (k,) bool, True for angles.
-    spread: variances (d,) of the first state of a segment.
+    spread: variances (d,) of the initial state of a segment.
     """
 
     step: Callable[[Any, Any, Any, Any], Any]
@@ -81,7 +83,8 @@ class Model(NamedTuple):
 class Innovations(NamedTuple):
     """Innovations of a filter over a timeline.
 
-    e, s: innovation and its variance (n, k); 0 and 1 where nothing was measured.  x: states after the updates (n, d).
+    e, s: innovations and innovation variances (n, k); 0 and 1 where nothing was measured.  x: states after the updates
+    (n, d).
     """
 
     e: Any
@@ -93,7 +96,8 @@ class CompiledLikelihood(NamedTuple):
     """Likelihood and its derivatives, compiled once for all timelines of the same shape.
 
     score(timeline, p): log likelihood, gradient (m,), information matrix (m, m).  value(timeline, p): log likelihood.
-    slopes(timeline, p (n, m), along (j, m)): log likelihoods (n,), and their slopes along each direction (n, j).
+    slopes(timeline, p (n, m), along (j, m)): log likelihoods (n,) at n points, and derivatives (n, j) along j
+    directions.
     innovations(timeline, p): `Innovations`.
     """
 
@@ -165,13 +169,13 @@ def maximise_likelihood(
     free: Any = None,
     tell: Callable[[int, float], None] = lambda iteration, value: None,
 ) -> LikelihoodEstimate:
-    """Maximise the likelihood by Fisher scoring, with steps that are shortened until the likelihood grows.
+    """Maximise the likelihood by Fisher scoring. Each step is shortened until the likelihood grows.
 
     Args:
         likelihood: compiled likelihood of the model.  timeline: the flights.
         p: parameters at the start of the search (m,).
         low, high: bounds of the parameters (m,).
-        free: (m,) bool, True for parameters that may change. None: all.
+        free: (m,) bool, True for parameters that may change. None: all may change.
         tell: function that is called with iteration and log likelihood, to show the progress.
     """
     score, value = (functools.partial(f, timeline) for f in (likelihood.score, likelihood.value))
@@ -236,9 +240,9 @@ def profile_intervals(
 ) -> Any:
     """Return 95 % intervals (len(of), 2) of the parameters `of`, by the profile likelihood.
 
-    For each value that is tried of a parameter, the other parameters are optimised again: first with the information
-    matrix of the estimate, then by scoring steps with the gradient at the new values. An end of an interval is infinite
-    if the likelihood has not fallen enough, and hardly falls further, at the last value tried.
+    Several values of a parameter are tried. For each, the other parameters are optimised again: first with the
+    information matrix of the estimate, then by scoring steps with the gradient at the new values. An end of an interval
+    is infinite if the likelihood has not fallen enough at the last value tried, and hardly falls further there.
 
     Args:
         of: indices of the parameters.
@@ -283,7 +287,7 @@ def profile_intervals(
 
 
 def name_collinear(information: Any, names: list[str]) -> list[tuple[str, ...]]:
-    """Return groups of parameters that the data can't distinguish, and single parameters without effect on the data."""
+    """Return groups of parameters that the data cannot distinguish. A single one has no effect on the data."""
     size = np.sqrt(np.diagonal(information))
     silent = size <= 1e-9 * max(float(size.max()), 1e-300)
     groups = [(names[i],) for i in np.flatnonzero(silent)]
@@ -298,7 +302,7 @@ def name_collinear(information: Any, names: list[str]) -> list[tuple[str, ...]]:
 
 
 def _damped_solve(A: Any, b: Any, damping: float) -> Any:
-    """Solve (A + damping diag(A)) x = b. x is zero in directions that A does not determine."""
+    """Solve (A + damping diag(A)) x = b. x is set to zero in directions that A does not determine."""
     size = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     C = A / np.outer(size, size)
     values, vectors = np.linalg.eigh((C + C.T) / 2)
@@ -314,7 +318,7 @@ def _end_of_interval(reach: Any, fall: Any, sign: int) -> float:
     x, y = np.concatenate([[0.0], x[order]]), np.concatenate([[0.0], y[order]])
     wanted = np.sqrt(HALF_CHI)
     beyond = np.flatnonzero((y >= wanted) | ~np.isfinite(y))
-    if not len(beyond):  # extrapolate from the last two points, if the curve rises there
+    if not len(beyond):  # extrapolate from the last two points if the curve still rises there
         slope = (y[-1] - y[-2]) / (x[-1] - x[-2])
         return sign * float(x[-1] + (wanted - y[-1]) / slope) if slope > 0.2 * wanted / x[-1] else sign * np.inf
     k = int(beyond[0])

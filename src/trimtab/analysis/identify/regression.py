@@ -1,4 +1,4 @@
-"""Least-squares fit of a few coefficients, with their covariance. Outliers are left out.
+"""Least-squares fit of a few coefficients, with their covariance and rejection of outliers.
 
 Candidates for outliers are found with a robust fit (least absolute deviations). Each is then tested against an ordinary
 least-squares fit of the other readings. A reading is left out and reported if its distance from that fit exceeds
@@ -17,7 +17,7 @@ from scipy.special import stdtrit  # scipy.stats takes a second to import
 from trimtab.loop.calibration import student_reach
 
 CHANCE = 0.01
-"""Probability that at least one reading is left out of a table without outliers."""
+"""Probability that a reading is left out although the table has no outliers."""
 ROUNDS = 50
 
 
@@ -26,7 +26,7 @@ class LinearFit(NamedTuple):
 
     value: b (k,).  covariance: covariance of b (k, k).  residuals: y - A b (n,), also of outliers.
     kept: (n,) bool, False for outliers. deviation: standard deviation of a reading.
-    freedom: degrees of freedom, the number of readings kept minus k.
+    freedom: degrees of freedom, i.e. number of readings kept minus k.
     """
 
     value: Any
@@ -41,7 +41,7 @@ class LinearFit(NamedTuple):
         return np.sqrt(np.diagonal(self.covariance))
 
     def interval(self) -> tuple[Any, Any]:
-        """Return lower and upper ends (k,) of the coefficients' 95 % intervals, by Student's t."""
+        """Return lower and upper limits (k,) of the coefficients' 95 % intervals, by Student's t distribution."""
         reach = student_reach(self.freedom) * self.standard_errors()
         return self.value - reach, self.value + reach
 
@@ -52,7 +52,7 @@ def fit_linear(A: Any, y: Any, floor: float = 0.0) -> LinearFit:
     Args:
         A: regression matrix (n, k), one column for each coefficient, of full rank.
         y: readings (n,).
-        floor: minimum standard deviation of a reading, e.g. that of rounding, in the unit of y.
+        floor: minimum standard deviation of a reading, e.g. due to rounding, in the unit of y.
     """
     A, y = np.asarray(A, np.float64), np.asarray(y, np.float64)
     kept = _select_consistent(A, y, floor)
@@ -72,7 +72,10 @@ def _fit_kept(A: Any, y: Any, kept: Any, floor: float) -> tuple[Any, Any, float,
 
 
 def _select_consistent(A: Any, y: Any, floor: float) -> Any:
-    """Return a mask (n,) of the readings that are not outliers. At least 60 % and at least k + 2 readings stay."""
+    """Return a mask (n,) that is True for readings that are not outliers.
+
+    At least 60 % and at least k + 2 readings are kept.
+    """
     n, k = A.shape
     kept = np.ones(n, bool)
     least = max(k + 2, math.ceil(0.6 * n))
@@ -101,7 +104,7 @@ def _select_consistent(A: Any, y: Any, floor: float) -> Any:
 
 
 def _least_deviations(A: Any, y: Any) -> Any:
-    """Return the coefficients (k,) with the least sum of absolute deviations, by re-weighted least squares."""
+    """Return the coefficients (k,) that minimise the sum of absolute deviations, by re-weighted least squares."""
     value = np.linalg.lstsq(A, y, rcond=None)[0]
     small = 1e-6 * (np.ptp(y) or 1.0)
     for _ in range(ROUNDS):

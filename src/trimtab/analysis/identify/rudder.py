@@ -1,6 +1,6 @@
-"""Calibration of a rudder: the servo's table of angles, and the direction of the thrust force at each rudder angle.
+"""Calibration of a rudder: table of the servo's angle against pulse width, and thrust direction at each rudder angle.
 
-The direction of the force is measured as the angle of the hull when the thrust pulls it on a string.
+The direction of the force is measured as the angle between hull and string when the thrust pulls the tethered hull.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -15,8 +15,8 @@ from trimtab.core.rotation import DEG
 from trimtab.logs.measurements import MeasuredColumn, Measurements, name_lines
 from trimtab.loop.calibration import Calibration, Covariance, Entry
 
-WAY = MeasuredColumn("way", "1", "direction of approach: 1 from below, -1 from above", -1, 1, needed=False)
-"""Column for the direction of approach. With this column, play of the linkage is fitted and not counted as scatter."""
+WAY = MeasuredColumn("way", "1", "approach of the angle: 1 from below, -1 from above", -1, 1, needed=False)
+"""Column for the direction from which an angle was approached. With this column, the linkage's play is fitted."""
 SERVO_COLUMNS = (
     MeasuredColumn("pulse", "s", "pulse width of the servo", 0.5e-3, 2.5e-3, usual="us"),
     MeasuredColumn("angle", "rad", "rudder angle on the protractor", -np.pi / 2, np.pi / 2, most=2 * DEG, usual="deg"),
@@ -30,11 +30,11 @@ HULL_COLUMNS = (
     WAY,
 )
 PULSE_START, PULSE_STEP, PULSES = 1.0e-3, 50e-6, 21
-"""Pulse widths of the servo's table: 1.00 to 2.00 ms in steps of 0.05 ms. [1] figure 4.2."""
+"""Pulse widths in the table of the servo: 1.00 to 2.00 ms in steps of 0.05 ms. [1] figure 4.2."""
 
 
 class ServoFit(NamedTuple):
-    """Fitted table of a servo. pulses: pulse widths (21,), s.  angles, errors: angles and standard errors (21,), rad.
+    """Fitted table of a servo. pulses: pulse widths (21,), s.  angles, errors: angles, standard errors (21,), rad.
 
     play: half the play of the linkage (rad); None if the direction of approach was not recorded.
     """
@@ -47,20 +47,23 @@ class ServoFit(NamedTuple):
 
 
 def fit_servo(data: Measurements) -> ServoFit:
-    """Fit the angles of the servo's table: a piecewise linear curve through the readings, by least squares.
+    """Fit the table of a servo to readings: a piecewise linear curve of angle against pulse width, by least squares.
 
     Source: [1] figure 4.2.
 
     Args:
-        data: readings with the columns `SERVO_COLUMNS`, at any pulses. Each pulse of the table needs readings near it.
+        data: readings with the columns `SERVO_COLUMNS`, at any pulse widths. Each pulse width of the table needs a
+            reading nearby.
 
-    Raises: InputError if a pulse of the table has no reading near it, or if the angles do not rise with the pulse.
+    Raises: InputError if a pulse width of the table has no reading nearby, or if the angles do not rise with the pulse.
     """
     position = (data["pulse"] - PULSE_START) / PULSE_STEP
     outside = (position < -1e-6) | (position > PULSES - 1 + 1e-6)
     if outside.any():
         problem = f"{data.name_lines(outside)}: the pulse must be within 1.00 to 2.00 ms"
-        raise InputError(f"file {data.file!r}", problem, fix="leave these lines out; the servo's table ends there")
+        raise InputError(
+            f"file {data.file!r}", problem, fix="leave these lines out; the table covers only 1.00 to 2.00 ms"
+        )
     position = position.clip(0, PULSES - 1)
     A = np.maximum(1 - np.abs(position[:, None] - np.arange(PULSES)), 0)
     A = np.where(A < 1e-9, 0.0, A)
@@ -82,21 +85,21 @@ def fit_servo(data: Measurements) -> ServoFit:
         near = (position >= k - 0.5) & (position <= k + 1.5)
         problem = f"the angle does not rise from {1e3 * (PULSE_START + k * PULSE_STEP):.2f} ms to the next pulse"
         problem += f"; see {name_lines([int(n) for n in data.lines[near]])}"
-        fix = "measure angles from one side, clockwise positive for growing pulses; otherwise change the sign of all"
+        fix = "count angles as positive in the direction in which the rudder turns for growing pulses"
         raise InputError(f"file {data.file!r}", problem, fix=fix)
     play = abs(float(fit.value[-1])) if both else None
     return ServoFit(PULSE_START + PULSE_STEP * np.arange(PULSES), angles, errors, play, fit)
 
 
 def _add_ways(A: Any, data: Measurements) -> tuple[Any, bool]:
-    """Add a column for the direction of approach to the matrix of a fit, if both directions occur."""
+    """Add a column for the direction of approach to the regression matrix, if the data has both directions."""
     way = np.sign(data["way"]) if "way" in data else np.zeros(len(data))
     both = bool((way > 0).any() and (way < 0).any())
     return (np.concatenate([A, way[:, None]], 1), True) if both else (A, False)
 
 
 class HullFit(NamedTuple):
-    """Fitted line theta = -ratio psi + offset between rudder angle theta and force angle psi.
+    """Fitted line theta = -ratio psi + offset, with rudder angle theta and force angle psi.
 
     covariance: covariance of ratio and offset (2, 2).  correlation: correlation of theta and psi.
     """
@@ -119,13 +122,11 @@ def fit_hull_angle(data: Measurements) -> HullFit:
     ratio, offset = (float(v) for v in fit.value[:2])
     if ratio <= 0:
         problem = f"the force turns with the rudder (ratio {ratio:.3g}), but must turn against it"
-        fix = (
-            "measure both clockwise from the hull's x axis; change the sign of one column, or exchange swapped headings"
-        )
+        fix = "measure both angles clockwise from the hull's x axis: change the sign of a column, or swap the headings"
         raise InputError(f"file {data.file!r}", problem, fix=fix)
     if ratio < 1:
         problem = f"the force turns more than the rudder (ratio {ratio:.3g}), which is impossible"
-        fix = "check if the headings 'rudder' and 'hull' are swapped, or if one of the columns has another unit"
+        fix = "check if the headings 'rudder' and 'hull' are swapped, or if a column has another unit than its heading"
         raise InputError(f"file {data.file!r}", problem, fix=fix)
     kept = fit.kept
     return HullFit(ratio, offset, fit.covariance[:2, :2], float(np.corrcoef(psi[kept], theta[kept])[0, 1]), fit)
@@ -135,18 +136,20 @@ def refuse_few(data: Measurements, numbers: int, what: str) -> None:
     """Raise InputError unless there are more readings than coefficients to fit. what: name of the fitted curve."""
     if len(data) <= numbers:
         problem = f"{len(data)} readings for {what} of {numbers} coefficients do not give an uncertainty"
-        raise InputError(f"file {data.file!r}", problem, fix=f"measure at least {numbers + 1}, better {3 * numbers}")
+        raise InputError(
+            f"file {data.file!r}", problem, fix=f"measure at least {numbers + 1} readings, better {3 * numbers}"
+        )
 
 
 def source_of(data: Measurements, fit: LinearFit) -> str:
-    """Return a description of the data of a fit: file, number of readings, lines left out."""
+    """Return a description of the fitted data: file, number of readings, lines left out."""
     out = ~fit.kept
     left = f", {data.name_lines(out)} left out" if out.any() else ""
     return f"{data.file}: {len(data)} readings{left}"
 
 
 def servo_calibration(data: Measurements, servo: ServoFit) -> Calibration:
-    """Return a calibration with the servo's table of angles."""
+    """Return a calibration with the fitted table of the servo."""
     about = {"freedom": servo.fit.freedom, "source": source_of(data, servo.fit), "procedure": "servo"}
     return Calibration({"RudderServo.angles": Entry(servo.angles.tolist(), "rad", servo.errors.tolist(), **about)})
 

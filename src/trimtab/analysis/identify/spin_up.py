@@ -22,15 +22,15 @@ TRIAL_COLUMNS = (
     MeasuredColumn("slope", "rad/s^2", "initial slope of the yaw rate", -1000, 1000),
 )
 SPIN_UP_COLUMNS = (
-    MeasuredColumn("time", "s", "time; the log must start before the release"),
+    MeasuredColumn("time", "s", "time; the log must start before the craft is released"),
     MeasuredColumn("yaw_rate", "rad/s", "yaw rate", -50, 50, most=0.05),
 )
 
 
 class InertiaOfTrials(NamedTuple):
-    """Moment of inertia from several trials. each: J of each trial (n,), kg m².
+    """Moment of inertia J from several trials. each: J of each trial (n,), kg m².
 
-    J, standard_error: mean of J and its standard error, kg m².  fit: fit of the mean.
+    J, standard_error: mean of all trials and standard error of the mean, kg m².  fit: fit of the mean.
     """
 
     each: Any
@@ -44,10 +44,11 @@ class InertiaOfTrials(NamedTuple):
 
 
 class ForceGeometry(NamedTuple):
-    """Direction psi of the force at rudder angle theta: psi = (offset - theta)/ratio.
+    """Direction psi of the thrust at a rudder angle theta: psi = (offset - theta)/ratio.
 
     arm: distance from the centre of mass to the rudder pivot (m).  covariance: covariance of ratio and offset (2, 2).
-    Errors of ratio and offset are the same in every trial, so repeated trials do not reduce their effect.
+    The errors of ratio and offset are the same in every trial, so repeated trials do not reduce the effect of these
+    errors.
     """
 
     arm: float
@@ -60,7 +61,7 @@ class ForceGeometry(NamedTuple):
         return lateral_force(force, (self.offset - rudder) / self.ratio)
 
     def variance(self, mean: Callable[["ForceGeometry"], float]) -> float:
-        """Return the variance of a result that is computed with this geometry, due to errors of ratio and offset."""
+        """Return the variance that errors of ratio and offset cause in a result computed with this geometry."""
         h = 1e-6
         ratio = mean(self._replace(ratio=self.ratio + h)) - mean(self._replace(ratio=self.ratio - h))
         offset = mean(self._replace(offset=self.offset + h)) - mean(self._replace(offset=self.offset - h))
@@ -69,18 +70,18 @@ class ForceGeometry(NamedTuple):
 
 
 def inertia_of_trials(rows: Measurements, geometry: ForceGeometry) -> InertiaOfTrials:
-    """Compute J = -d FY/r' of each trial of `TRIAL_COLUMNS` and their mean, [1] table 4.2.
+    """Compute the moment of inertia J = -d FY/r' of each trial, and the mean, as in [1] table 4.2.
 
     Args:
-        rows: one row of measured values for each trial.
-        geometry: direction of the force for each rudder angle.
+        rows: table with the columns `TRIAL_COLUMNS`, one row for each trial.
+        geometry: direction of the thrust for each rudder angle.
     """
     if len(rows) < 2:
         problem = f"at least 2 trials are needed for an uncertainty of J, got {len(rows)}"
-        raise InputError(f"file {rows.file!r}", problem, fix="repeat the trial, best three times to each side")
+        raise InputError(f"file {rows.file!r}", problem, fix="repeat the trial, if possible three times to each side")
     flat = np.abs(rows["slope"]) < 1e-6
     if flat.any():
-        problem = f"{rows.name_lines(flat)}: a slope of 0 gives no moment of inertia"
+        problem = f"{rows.name_lines(flat)}: the slope is 0, so the moment of inertia cannot be computed"
         raise InputError(f"file {rows.file!r}", problem, fix="leave this line out")
     sides = [np.unique(np.sign(rows[name])) for name in ("rudder", "force", "slope")]
     if [len(side) for side in sides] == [2, 2, 1]:
@@ -115,7 +116,7 @@ def inertia_of_spin_up(
     Args:
         part: result of `find_linear_portion`.
         force, rudder: constant thrust (N) and rudder angle (rad).
-        geometry: direction of the force for each rudder angle.
+        geometry: direction of the thrust for each rudder angle.
     """
     slope, error = float(part.fit.slope), float(part.fit.standard_error)
 
@@ -134,6 +135,6 @@ def inertia_of_spin_up(
 
 
 def inertia_calibration(rows: Measurements, found: InertiaOfTrials) -> Calibration:
-    """Return the calibration's entry for the mean inertia of the trials."""
+    """Return a calibration with the mean inertia of the trials."""
     about: dict[str, Any] = {"source": source_of(rows, found.fit), "procedure": "inertia", "freedom": found.fit.freedom}
     return Calibration({"Hovercraft.inertia": Entry(found.J, "kg m^2", found.standard_error, **about)})

@@ -1,4 +1,4 @@
-"""Thrust of a fan with a rudder behind it, from a force gauge: coefficient, loss at a rudder angle, reverse thrust.
+"""Calibration of a fan's thrust with a force gauge: coefficient, loss by the rudder behind the fan, reverse thrust.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -19,24 +19,24 @@ from trimtab.loop.calibration import Calibration, Covariance, Entry, index_name
 THRUST_COLUMNS = (
     MeasuredColumn("rudder", "rad", "rudder angle", -np.pi / 2, np.pi / 2, usual="deg"),
     MeasuredColumn("speed", "rpm", "speed of the fan", 0, 60_000, most=1000),
-    MeasuredColumn("force", "N", "thrust on the gauge", -0.5, 100, most=0.02),
+    MeasuredColumn("force", "N", "thrust, read from the gauge", -0.5, 100, most=0.02),
 )
 REVERSE_COLUMNS = (
-    MeasuredColumn("speed", "rpm", "speed of the fan, the same for forward and reverse", 0, 60_000, most=1000),
-    MeasuredColumn("forward", "N", "thrust forward", 0, 100, most=0.02),
-    MeasuredColumn("reverse", "N", "thrust in reverse, positive", 0, 100, most=0.005),
+    MeasuredColumn("speed", "rpm", "speed of the fan, the same for forward and reverse thrust", 0, 60_000, most=1000),
+    MeasuredColumn("forward", "N", "forward thrust", 0, 100, most=0.02),
+    MeasuredColumn("reverse", "N", "reverse thrust, as a positive number", 0, 100, most=0.005),
 )
 SATURATED = 3
-"""Minimum number of readings equal to the greatest one, at the highest expected forces, that show a saturated gauge."""
+"""Minimum number of readings at the highest expected forces that equal the greatest reading of a saturated gauge."""
 AT_END = 0.9
-"""Minimum share of readings that equal the greatest one, among those at the highest expected forces, for saturation.
+"""Minimum share of readings at the highest expected forces that equal the greatest reading of a saturated gauge.
 
-It is below 1 so that one outlier does not hide saturation.
+The share is below 1 so that one outlier does not hide saturation.
 """
 DIVISIONS = 1.5
-"""Largest difference of two forces, in scale divisions of the gauge, at which their readings may be equal."""
+"""Largest difference of two forces, in scale divisions of the gauge, at which the gauge may show equal readings."""
 UNLIKELY = 0.001
-"""Significance level: at a p-value below this, the thrust is not proportional to cos(theta - offset)."""
+"""Significance level. At a smaller p-value, the thrust is considered not proportional to cos(theta - offset)."""
 CUBIC = 4
 
 
@@ -62,7 +62,7 @@ class ThrustFit(NamedTuple):
 
 
 def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
-    """Fit thrust as a quadratic in speed: separately at each rudder angle, and for all with eta = cos(theta - offset).
+    """Fit thrust as a quadratic in speed: at each rudder angle, and for all angles with eta = cos(theta - offset).
 
     Source: [1] chapter 4.
 
@@ -100,8 +100,8 @@ def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
 class ReverseFit(NamedTuple):
     """Fitted ratio of reverse to forward thrust: y3 n³ + y2 n² + y1 n + y0, n in krpm.
 
-    coefficients: y3 … y0 (4,).  covariance: covariance of the coefficients (4, 4).  slowest: lowest speed measured
-    (rpm), below which the cubic is not valid.
+    coefficients: y3 … y0 (4,).  covariance: covariance of the coefficients (4, 4).  slowest: lowest measured speed
+    (rpm). Below this speed the cubic is not valid.
     """
 
     coefficients: Any
@@ -115,7 +115,7 @@ def fit_reverse(data: Measurements, gauge_error: float) -> ReverseFit:
 
     Args:
         data: readings with the columns `REVERSE_COLUMNS`, at the same speeds in both directions.
-        gauge_error: standard deviation of a reading (N), from which the weight of each ratio is computed.
+        gauge_error: standard deviation of a reading (N). It determines the weight of each ratio in the fit.
     """
     refuse_few(data, CUBIC, "a cubic")
     zero = data["forward"] <= 0
@@ -142,13 +142,13 @@ def fit_reverse(data: Measurements, gauge_error: float) -> ReverseFit:
     bad = np.flatnonzero((thrust <= 0) | (np.gradient(thrust) <= 0))
     if len(bad):
         problem = f"the fitted reverse thrust does not rise at {1e3 * grid[bad[0]]:.0f} rpm, so it has no inverse"
-        fix = "measure more speeds between the others, or leave out the slowest, where the gauge hardly moves"
+        fix = "measure at more speeds, or leave out the lowest speeds, at which the gauge hardly moves"
         raise InputError(f"file {data.file!r}", problem, fix=fix)
     return ReverseFit(fit.value, fit.covariance, slowest, fit)
 
 
 def refuse_saturation(data: Measurements, gauge: str, rising: Any) -> None:
-    """Raise InputError if the gauge was saturated: it shows the same greatest reading for clearly different forces.
+    """Raise InputError if the gauge was saturated, i.e. if its greatest reading occurs at clearly different forces.
 
     Args:
         data: readings, with a column `speed`.
@@ -168,15 +168,15 @@ def refuse_saturation(data: Measurements, gauge: str, rising: Any) -> None:
     if greatest * (rising[end[0]] / rising[end[-1]] - 1) > DIVISIONS * division:
         n = data["speed"][end]
         lines = data.name_lines(np.isin(np.arange(len(F)), end))
-        problem = f"{lines}: column {gauge!r} reads {greatest:.4g} each time, while 'speed' goes from"
+        problem = f"{lines}: column {gauge!r} is {greatest:.4g} in each line, while 'speed' rises from"
         problem += f" {np.min(n):.6g} to {np.max(n):.6g}; the gauge is saturated"
         raise InputError(f"file {data.file!r}", problem, fix="leave these lines out, or use a larger gauge")
 
 
 def thrust_calibration(data: Measurements, thrust: ThrustFit) -> Calibration:
-    """Return the calibration entries of the thrust: coefficient and maximum speed.
+    """Return a calibration of the thrust: coefficient and maximum speed.
 
-    If eta does not follow the formula, they include the thrust at each rudder angle.
+    If eta does not follow the formula, the calibration includes the thrust at each rudder angle.
     """
     about: dict[str, Any] = {"source": source_of(data, thrust.fit), "procedure": "thrust"}
     known = {"freedom": thrust.fit.freedom}
@@ -191,7 +191,7 @@ def thrust_calibration(data: Measurements, thrust: ThrustFit) -> Calibration:
 
 
 def reverse_calibration(data: Measurements, reverse: ReverseFit) -> Calibration:
-    """Return the calibration entries of the reverse thrust: the cubic, and the lowest speed at which it is valid."""
+    """Return a calibration of the reverse thrust: the cubic, and the lowest speed at which the cubic is valid."""
     about: dict[str, Any] = {"source": source_of(data, reverse.fit), "procedure": "reverse"}
     name, errors = "Thruster.reverse_ratio", np.sqrt(np.diagonal(reverse.covariance))
     entries: Mapping[str, Entry] = {

@@ -1,8 +1,8 @@
-"""Virtual test bench: simulated data of the calibration procedures of [1], for a craft with known true parameters.
+"""Virtual test bench: simulated measurements for the calibration procedures of [1], for a craft with known parameters.
 
-The data include the errors of a real bench: a gauge with divisions of 0.1 N, read to half a division, a tether with
-friction, a protractor read to half a degree, a linkage with play, a battery whose voltage sags between readings, and
-a fan speed held by hand.
+The data include the errors of a real bench: a force gauge with divisions of 0.1 N, read to half a division; a tether
+with friction; a protractor read to half a degree; a linkage with play; a battery whose voltage sags between readings;
+and a fan speed set by hand.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 4.3.
 """
@@ -32,16 +32,16 @@ PAIR = "free2move/linksys 2.9/22.0"
 GYRO_DELAY = 2
 """Delay of the gyro in samples, in addition to the model of [1] table 6.5."""
 DIVISION, TETHER = 0.1, 0.02
-"""Scale division of the force gauge, and largest friction of the tether (N)."""
+"""Scale division of the force gauge (N), and largest friction force of the tether (N)."""
 PROTRACTOR, PLAY = 0.5 * DEG, 0.4 * DEG
-"""Standard deviation of a protractor reading, and half the play of the linkage (rad)."""
+"""Standard deviation of a protractor reading (rad), and half the play of the linkage (rad)."""
 SPIN_UP_FORCE, SPIN_UP_RUDDER = 1.1, -20 * DEG
 Rows = tuple[Sequence[str], Sequence[Sequence[float]]]
-"""Table of measurements: headings with units, and rows of numbers."""
+"""Table of measurements: column headings with units, and rows of numbers."""
 
 
 class BenchCraft(NamedTuple):
-    """Craft on the virtual bench. delay: mean, standard deviation and shortest value of the uplink's latency (s)."""
+    """Craft on the virtual bench. delay: mean, standard deviation and minimum of the uplink latency (s)."""
 
     servo: RudderServo
     geometry: RudderGeometry
@@ -51,7 +51,7 @@ class BenchCraft(NamedTuple):
     delay: tuple[float, float, float]
 
     def true_calibration(self) -> Calibration:
-        """Return the true parameters, by their names in a calibration."""
+        """Return the true parameters, with the names that a calibration uses."""
         t, g, f = self.thruster, self.gyro, self.vehicle.friction
         numbers = {
             "RudderServo.angles": (self.servo.angles, "rad"),
@@ -74,7 +74,7 @@ class BenchCraft(NamedTuple):
 
 
 def draw_craft(seed: int) -> BenchCraft:
-    """Return a craft with random parameters near those of [1]. They scatter like those of crafts of one design."""
+    """Return a craft with random parameters near those of [1]. They scatter as among craft of one design."""
     g = np.random.default_rng([seed, 1])
 
     def near(value: float, share: float) -> float:
@@ -103,7 +103,7 @@ def draw_craft(seed: int) -> BenchCraft:
 
 
 def run_bench(craft: BenchCraft, seed: int) -> dict[str, Rows]:
-    """Run every calibration procedure once. Return file name -> table."""
+    """Simulate the measurements of every calibration procedure once. Return file name -> table."""
     g = np.random.default_rng([seed, 2])
     procedures: Mapping[str, Callable[[BenchCraft, np.random.Generator], Rows]] = {
         "servo.csv": _measure_servo,
@@ -131,7 +131,7 @@ def write_bench(folder: Path, tables: Mapping[str, Rows]) -> list[Path]:
 
 
 def _measure_servo(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Measure the servo's angles at rising and falling pulses, three times. The rudder lags by the linkage's play."""
+    """Measure the servo's angle at rising and falling pulses, three times. The rudder lags by the linkage's play."""
     pulses, rows = 1.0e-3 + 50e-6 * np.arange(21), []
     for trial in range(1, 7):
         way = 1 if trial % 2 else -1
@@ -142,7 +142,7 @@ def _measure_servo(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _measure_hull(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Measure the angle of the hull on its string at 13 rudder angles, approached from both sides."""
+    """Measure the angle of the tethered hull at 13 rudder angles, approached from both sides."""
     rows = []
     for trial in (1, 2, 3, 4):
         theta = np.arange(-30, 31, 5) * DEG
@@ -154,19 +154,19 @@ def _measure_hull(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _read_gauge(force: Any, g: np.random.Generator) -> Any:
-    """Return a gauge reading, rounded to half a division. Friction of the tether adds to the force or reduces it."""
+    """Return a gauge reading, rounded to half a division. Friction of the tether increases or reduces the force."""
     held = force + TETHER * g.uniform(-1, 1, np.shape(force)) + 0.02 * g.standard_normal(np.shape(force))
     return np.maximum(np.round(held / (DIVISION / 2)) * (DIVISION / 2), 0)
 
 
 def _draw_speeds(steps: Any, g: np.random.Generator) -> Any:
-    """Return tachometer readings (rpm) at the wanted speeds `steps`, with errors of manual setting and battery sag."""
+    """Return tachometer readings (rpm) for intended speeds `steps`, with errors of manual setting and battery sag."""
     sag = 1 - 0.06 * np.linspace(0, 1, len(steps)) * (np.asarray(steps) / 12000) ** 2
     return np.round(np.asarray(steps) * sag * (1 + 0.01 * g.standard_normal(len(steps))), -1)
 
 
 def _measure_thrust(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Measure thrust at nine rudder angles, eight speeds each, twice."""
+    """Measure the thrust twice at nine rudder angles and eight fan speeds."""
     rows = []
     for trial in (1, 2):
         for theta in np.arange(-40, 41, 10) * DEG:
@@ -177,7 +177,7 @@ def _measure_thrust(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _measure_reverse(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Measure forward and reverse thrust at thirteen speeds, three times, with the rudder straight."""
+    """Measure forward and reverse thrust three times at thirteen fan speeds, with the rudder straight."""
     rows, straight = [], craft.thruster.offset
     for trial in (1, 2, 3):
         for n in np.arange(6000, 12001, 500):

@@ -1,9 +1,10 @@
-"""Distributions of varied parameters. Each is defined by its quantile function Q and written as a text.
+"""Distributions of varied parameters. Each distribution is written as text and defined by its quantile function Q.
 
     value = Q(u),   u uniform in (0, 1)
 
-Points u of any design (random, Latin, Sobol) therefore give values of any distribution. A number in the text that ends
-in % is a percentage of the value in the scenario, as in normal(100%, 5%). STD_OF_LOG is a pure number: 5% is 0.05.
+Points u of any design (random, Latin, Sobol) can therefore be mapped to values of any distribution. A number in the
+text that ends in % is a percentage of the value in the scenario, as in normal(100%, 5%). STD_OF_LOG is a pure number:
+5% is 0.05.
 
 Source: inverse transform sampling, e.g. Devroye, "Non-uniform random variate generation", Springer 1986, chapter II.
 """
@@ -21,17 +22,17 @@ from trimtab.core.errors import InputError, argument_name
 from trimtab.core.suggestions import closest
 
 ALONG = "along"
-"""Kind of distribution of an array: a fixed direction, multiplied by a standard normal number, is added to it."""
+"""Kind of distribution for an array: a fixed array, times a standard normal number, is added to the parameter."""
 
 
 FAR = 1e3
-"""Distance from the mean, in standard deviations, beyond which a normal tail is computed from its asymptotic series."""
+"""Distance from the mean, in standard deviations, beyond which a normal tail is computed from an asymptotic series."""
 
 
 class Amount(NamedTuple):
     """Number in the text of a distribution.
 
-    share: True for a number with %, which is a fraction of the value in the scenario.
+    share: True for a percentage. `number` is then a fraction of the parameter's value in the scenario.
     """
 
     number: float
@@ -62,7 +63,7 @@ class Distribution(NamedTuple):
 
     @property
     def _sizes(self) -> tuple[Amount, ...]:
-        """Return the numbers of the distribution that have the parameter's unit, without pure numbers."""
+        """Return the numbers in the distribution's text that have the parameter's unit, not pure numbers."""
         pure = KINDS[self.kind].pure if self.kind in KINDS else ()
         return tuple(a for i, a in enumerate(self.amounts) if i not in pure)
 
@@ -72,7 +73,7 @@ class Distribution(NamedTuple):
         return any(a.share for a in self._sizes)
 
     def numbers(self, nominal: float) -> list[float]:
-        """Return the numbers of the distribution. A percentage is multiplied by the nominal value."""
+        """Return the numbers in the distribution's text. A percentage is multiplied by the nominal value."""
         pure = KINDS[self.kind].pure
         return [a.number if i in pure else a.of(nominal) for i, a in enumerate(self.amounts)]
 
@@ -88,15 +89,15 @@ class Distribution(NamedTuple):
         return of(u, *self.numbers(nominal))
 
     def pick(self, u: Any) -> Any:
-        """Return the index (n,), from 0, of the choice at each probability u (n,)."""
+        """Return the index (n,) of the choice, from 0, at each probability u (n,)."""
         return _index(u, len(self.choices))
 
 
 class Kind(NamedTuple):
-    """Kind of distribution. usage: its form, e.g. "normal(MEAN, STD)".  quantile: quantile function.
+    """Kind of distribution. usage: form of the text, e.g. "normal(MEAN, STD)".  quantile: quantile function.
 
-    check: function that returns the problem with the numbers, or an empty text.  pure: indices of the pure numbers,
-    which do not have the parameter's unit.
+    check: function that returns a text on what is wrong with the numbers, or an empty text.  pure: indices of numbers
+    without unit; the other numbers have the parameter's unit.
     """
 
     usage: str
@@ -112,8 +113,8 @@ def _index(u: Any, n: int) -> Any:
 def _truncated_normal(u: Any, mean: Any, std: Any, low: Any, high: Any) -> Any:
     """Return quantiles of a truncated normal distribution.
 
-    Probabilities near 1 lose digits, so bounds above the mean are reflected to the lower tail. Bounds below the
-    mean are treated in logarithms.
+    Probabilities near 1 lose digits. Bounds above the mean are therefore reflected to the lower tail. There the
+    computation uses logarithms of probabilities.
     """
     u = np.asarray(u, np.float64)
     a, b = (low - mean) / std, (high - mean) / std
@@ -184,7 +185,7 @@ USAGE = [*(k.usage for k in KINDS.values()), "choice(A, B, …)", "file(NAME.csv
 
 
 def parse_distribution(text: str, part: str = "") -> Distribution:
-    """Read a distribution from its text. part: name in error messages. Default: the argument for the spread."""
+    """Read a distribution from text. part: name in error messages; by default that of the argument for the spread."""
     part = part or argument_name("spread")
     match = re.fullmatch(r"\s*([a-z]+)\s*\((.*)\)\s*", text)
     name = match[1] if match else text.partition("(")[0].strip()
@@ -241,7 +242,7 @@ def _parse_choice(part: str, text: str, inside: list[str]) -> Distribution:
     try:
         amounts = tuple(_parse_amount(part, text, piece) for piece in inside)
     except InputError:
-        amounts = ()  # choices of an option are words
+        amounts = ()  # the choices of an option are words
     return Distribution(text, "choice", amounts, tuple(inside))
 
 

@@ -1,9 +1,9 @@
 """Spread of a campaign: the parameters that vary from run to run, their distributions and their correlations.
 
-A path is the name of a parameter, as used by ``--set`` and the log. ``path[1]`` or ``path[0,2]`` is one element of an
+A path is the name of a parameter, as in ``--set`` and in a log. ``path[1]`` or ``path[0,2]`` is one element of an
 array. An array without an index is scaled as a whole, by a distribution with percentages only: ``normal(100%, 5%)``.
-``path:1`` with ``along(0.1, 0.2)`` adds a direction to the array, multiplied by a standard normal number. ``path:2``
-adds another direction.
+``path:1`` with ``along(0.1, 0.2)`` adds the array (0.1, 0.2), multiplied by a standard normal number, to the array at
+the path. ``path:2`` adds another such direction.
 
 Source: Nelsen, "An introduction to copulas", Springer 2006, section 2.3, for correlation by a Gaussian copula.
 """
@@ -26,11 +26,11 @@ from trimtab.loop.scenario import Scenario
 
 SPREAD_ROOTS = ("world.", "autopilot.", "initial.")
 SCALED = "normal(100%, 5%)"
-"""Example of a distribution for error messages."""
+"""Example of a distribution, shown in error messages."""
 
 
 class Factor(NamedTuple):
-    """Parameter that varies, with its distribution.
+    """Parameter that varies from run to run, with its distribution.
 
     text: path and index as typed.  path: path without the index.  at: index of the varied element of an array, or None.
     """
@@ -42,20 +42,23 @@ class Factor(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """All parameters that vary. mixing: matrix (d, d) that correlates independent normal numbers; None: independent."""
+    """All parameters that vary.
+
+    mixing: matrix (d, d) that correlates independent normal numbers; None for no correlation.
+    """
 
     factors: tuple[Factor, ...]
     mixing: Any = None
 
     def correlate(self, u: Any) -> Any:
-        """Apply the correlations to sampling points u (n, d). Each column stays uniformly distributed."""
+        """Apply the correlations to sampling points u (n, d). Each column of u stays uniformly distributed."""
         if self.mixing is None:
             return u
         return special.ndtr(special.ndtri(u) @ self.mixing.T)
 
 
 def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, ...]:
-    """Return the varied parameters, sorted by their text, so that the order on the command line does not matter."""
+    """Return the varied parameters, sorted by text, so that the order on the command line does not matter."""
     factors = []
     for text, distribution in spread:
         path, at = split_index(text.strip())
@@ -63,9 +66,9 @@ def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, .
         along = distribution.kind == ALONG
         if match and along != (":" in text):
             problem = (
-                f"{distribution.text!r} moves an array along a direction; the path must end in its number, e.g. :1"
+                f"{distribution.text!r} moves an array along a direction; the path must end in a number for it, e.g. :1"
                 if along
-                else "ends in a direction number, but only along(…) has a direction"
+                else "ends in the number of a direction, but only along(…) has a direction"
             )
             fix = (
                 argument("spread", "along(V1, V2, …)", f"{match[1]}:1")
@@ -82,14 +85,17 @@ def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, .
         both = one.distribution.kind == other.distribution.kind == ALONG
         whole = one.at is None or other.at is None
         if one.text == other.text or (one.path == other.path and whole and not both):
-            raise InputError(argument_name("spread", other.text), "is named twice", fix="give each parameter once")
+            raise InputError(argument_name("spread", other.text), "is named twice", fix="list each parameter only once")
     return tuple(factors)
 
 
 def resolve_spread(
     scenario: Scenario, factors: tuple[Factor, ...], correlate: Iterable[tuple[str, str, float]] = ()
 ) -> Spread:
-    """Match the varied parameters with a scenario. Raise InputError for an invalid path, index or distribution."""
+    """Match the varied parameters with a scenario's parameters.
+
+    Raise InputError for an invalid path, index or distribution.
+    """
     known = {path: (value, declared) for path, value, declared in leaves(scenario) if path.startswith(SPREAD_ROOTS)}
     for factor in factors:
         part = argument_name("spread", factor.text)
@@ -117,7 +123,7 @@ def _check_number(part: str, factor: Factor, value: Any, declared: Quantity) -> 
     if factor.distribution.kind == ALONG:
         if value.ndim == 0 or len(factor.distribution.amounts) != value.size:
             problem = (
-                f"must have one number for each element of the parameter, got {len(factor.distribution.amounts)}; "
+                f"must have one number for each parameter element, got {len(factor.distribution.amounts)} numbers; "
                 f"the parameter has shape {value.shape}"
             )
             raise InputError(part, problem, fix=f"give {value.size} numbers" if value.ndim else SCALED)
@@ -125,7 +131,7 @@ def _check_number(part: str, factor: Factor, value: Any, declared: Quantity) -> 
     if factor.at is not None:
         if not has_index(value.shape, factor.at):
             fix = argument("spread", SCALED, first_number(factor.path, value.shape))
-            raise InputError(part, f"the parameter has shape {value.shape}", fix=fix)
+            raise InputError(part, f"the index does not fit the parameter, which has shape {value.shape}", fix=fix)
         value = value[factor.at]
     elif value.ndim and not factor.distribution.is_relative:
         problem = f"the parameter has shape {value.shape}, but {factor.distribution.text} gives one number"
@@ -136,14 +142,14 @@ def _check_number(part: str, factor: Factor, value: Any, declared: Quantity) -> 
         problem = f"{factor.distribution.text!r} must contain only numbers"
         raise InputError(part, problem, fix=argument("spread", "choice(90%, 100%, 110%)", factor.path))
     if declared.kind not in ("real", "angle", "time") and factor.distribution.kind not in ("choice", "file"):
-        problem = f"the parameter is a whole number ({declared.kind}), but {factor.distribution.text} gives fractions"
+        problem = f"the parameter is a whole number ({declared.kind}), but {factor.distribution.text} yields fractions"
         raise InputError(part, problem, fix=argument("spread", "choice(1, 2)", factor.path))
     if value.ndim == 0:
         check_nominal(part, factor.distribution, float(value))
 
 
 def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]]) -> Any:
-    """Return the lower Cholesky factor of the wanted correlation matrix."""
+    """Return the lower Cholesky factor of the required correlation matrix."""
     if not correlate:
         return None
     R = np.eye(len(names))
@@ -156,7 +162,7 @@ def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]
             raise InputError(
                 argument_name("correlate"),
                 f"{a}, {b} = {rho:g}",
-                fix="give two different paths, and a correlation between -1 and 1",
+                fix="write two different paths, and a correlation between -1 and 1",
             )
         R[names.index(a), names.index(b)] = R[names.index(b), names.index(a)] = rho
     if np.linalg.eigvalsh(R).min() < 1e-9:
@@ -169,8 +175,8 @@ def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]
 def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
     """Return varied parameter -> value in each run (n,).
 
-    The value is a factor for an array scaled as a whole or moved in a direction, and the index of the choice for an
-    option.
+    For an array that is scaled or moved along a direction, the value is the factor. For an option, the value is the
+    index of the choice.
 
     Args:
         spread: varied parameters that were matched with the scenario.
@@ -185,7 +191,7 @@ def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
             values[factor.text] = factor.distribution.pick(level)
             continue
         nominal = np.asarray(value, np.float64)
-        whole = nominal.ndim > 0 and factor.at is None  # scaled, or moved along a direction
+        whole = nominal.ndim > 0 and factor.at is None  # array that is scaled, or moved along a direction
         own = 1.0 if whole else float(nominal[factor.at or ()])
         drawn = factor.distribution.quantile(level, own)
         values[factor.text] = drawn if declared.kind in ("real", "angle") else np.round(drawn)
@@ -193,7 +199,7 @@ def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
 
 
 def spread_arrays(spread: Spread, scenario: Scenario, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return path -> values (n, …) of the varied parameters, and of the tables that depend on them.
+    """Return path -> values (n, …) of the varied parameters, and of the tables that depend on these parameters.
 
     values: result of `spread_values`. Options are left out.
     """

@@ -1,11 +1,11 @@
-"""Faults with ranges and piecewise constant inputs, as coordinates of a search. The program is compiled only once.
+"""Faults with ranges, and piecewise constant inputs, as coordinates of a search. One compiled program flies all values.
 
     --fault-range 'downlink off @ 2..10 s for 0.1..2 s'     each LOW..HIGH of a fault's text is a coordinate
     --vary 'stick.turn=pieces(5, -1:1)'                    an input is constant in each of 5 equal pieces of the run
 
-A fault is written as for ``--fault``. LOW..HIGH replaces a number. A unit follows both limits, or only HIGH. A pilot's
-stick follows a script (`loop.stick_script`). The pieces replace the script's entries. In each piece, fields that do not
-vary keep the value that the script has at the beginning of the piece.
+A fault is written as for ``--fault``, with LOW..HIGH in place of a number. A unit follows both limits, or only HIGH. A
+pilot's stick follows a script of entries, each with a time (`loop.stick_script`). One entry for each piece replaces the
+script's entries. Stick fields that do not vary keep the value that the script has at the beginning of the piece.
 
 Source: docs page, Falsify. Pieces: control points of Annapureddy et al., "S-TaLiRo", TACAS 2011, held constant rather
 than interpolated.
@@ -40,9 +40,10 @@ FIELDS = ("forward", "turn")
 
 
 class FaultRange(NamedTuple):
-    """Fault with ranges. text: the fault with each range at its upper end, which determines the size of the program.
+    """Fault with ranges. text: text of the fault with the upper end of each range, which determines the program's size.
 
-    where: part that fails. ranges: field -> minimum and maximum, in the field's own unit (times in 100 ns).
+    where: part of the loop that fails.  ranges: field of the fault -> minimum and maximum, in the field's unit (times:
+    100 ns).
     """
 
     text: str
@@ -82,7 +83,7 @@ def fault_spread(standing: Iterable[str], scenario: Scenario, texts: Iterable[st
     """Return all faults of a search as texts, and the spread of the faults with ranges.
 
     Args:
-        standing: faults without ranges.
+        standing: texts of the faults without ranges.
         scenario: scenario without any of these faults.
         texts: texts of the faults with ranges.
     """
@@ -98,9 +99,9 @@ def fault_spread(standing: Iterable[str], scenario: Scenario, texts: Iterable[st
 
 
 class HeldInput(NamedTuple):
-    """Input that is constant in equal pieces of a run. sensor, field: stick, and its varied field.
+    """Input that is constant in equal pieces of a run. sensor, field: name of the stick, and name of its varied field.
 
-    number: number of pieces.  low, high: bounds of the value in each piece.
+    number: number of pieces.  low, high: bounds of the field's value in each piece.
     """
 
     sensor: str
@@ -121,15 +122,15 @@ def parse_pieces(text: str) -> HeldInput:
         )
     pieces = HeldInput(match["sensor"], match["field"], int(match["count"]), float(match["low"]), float(match["high"]))
     if not 1 <= pieces.number <= MOST_PIECES:
-        problem = f"{pieces.number} pieces are not possible; the number must be from 1 to {MOST_PIECES}"
+        problem = f"the number of pieces must be from 1 to {MOST_PIECES}, got {pieces.number}"
         raise InputError(argument_name("vary", text), problem, fix=argument("vary", [VARY_EXAMPLE]))
     return pieces
 
 
 def with_pieces(scenario: Scenario, texts: Iterable[str]) -> Scenario:
-    """Return the scenario with one entry of the stick's script for each piece.
+    """Return the scenario with a stick's script that has one entry for each piece.
 
-    Each entry has the values of the old script at the beginning of the piece.
+    Each entry contains the values of the old script at the beginning of the piece.
     """
     counts: dict[str, int] = {}
     for text in texts:
@@ -152,7 +153,7 @@ def with_pieces(scenario: Scenario, texts: Iterable[str]) -> Scenario:
 
 
 def pieces_spread(scenario: Scenario, texts: Iterable[str]) -> dict[str, str]:
-    """Return path -> distribution, as text, for each entry of the script that varies."""
+    """Return for each script entry that varies: path of the value -> distribution, as text."""
     spread: dict[str, str] = {}
     for text in texts:
         pieces = parse_pieces(text)
@@ -162,7 +163,7 @@ def pieces_spread(scenario: Scenario, texts: Iterable[str]) -> dict[str, str]:
 
 
 def _find_script(scenario: Scenario, name: str, part: str) -> tuple[StickScript, str]:
-    """Return the script of a stick, and its path. Faults that wrap the stick are skipped."""
+    """Return the script of a stick, and the script's path. Faults that wrap the stick are skipped."""
     sensor, path = scenario.world.sensors.get(name), f"world.sensors.{name}"
     while isinstance(sensor, FaultyPart):
         sensor, path = sensor.inner, f"{path}.inner"

@@ -1,4 +1,4 @@
-"""Axes of a stability map. An axis varies a quantity of the scenario. The compiled program stays the same.
+"""Axes of a stability map. An axis varies a quantity of the scenario, without a new compilation of the program.
 
 Source: docs page, Axes.
 """
@@ -27,10 +27,11 @@ def _keep_scenario(scenario: Scenario) -> Scenario:
 class Axis(NamedTuple):
     """Axis of a stability map.
 
-    name: name to show.  values: values of the coarse grid (k,), increasing.  unit: unit of the values.  change:
-    function (scenario, value) -> {path of a quantity: new value}. If both axes change the same quantity, the scenario
-    given to the second axis includes the first axis's change.  prepare: function applied once to the scenario.
-    link, kind: name of the link and "delay", "jitter" or "loss" for an axis of a link, otherwise empty.
+    name: name of the axis, as shown.  values: increasing values of the coarse grid (k,).  unit: unit of the values.
+    change: function (scenario, value) -> {path of a quantity: new value}. If both axes change the same quantity, the
+    scenario passed to the second axis includes the change by the first axis.  prepare: function that is applied once to
+    the scenario.  link, kind: for an axis of a radio link, name of the link, and "delay", "jitter" or "loss"; otherwise
+    empty.
     """
 
     name: str
@@ -45,8 +46,8 @@ class Axis(NamedTuple):
         """Raise InputError unless the values are an increasing list of two or more numbers."""
         values = np.asarray(self.values, float)
         if values.ndim != 1 or len(values) < 2 or not np.isfinite(values).all() or (np.diff(values) <= 0).any():
-            problem = f"values must be two or more increasing numbers, got {np.array2string(values, threshold=6)}"
-            raise InputError(f"axis {self.name!r}", problem, fix="give e.g. np.linspace(0.0, 0.6, 7)")
+            problem = f"an axis needs two or more increasing values, got {np.array2string(values, threshold=6)}"
+            raise InputError(f"axis {self.name!r}", problem, fix="pass e.g. np.linspace(0.0, 0.6, 7)")
 
 
 def axis_of_path(path: str, values: Any, unit: str = "", *, name: str = "") -> Axis:
@@ -71,7 +72,9 @@ def _with_number(scenario: Scenario, path: str, at: tuple[int, ...], change: Cal
 def _misfit(path: str, shape: tuple[int, ...]) -> InputError:
     whole = ", or scale the whole array, with values in percent" if shape else ""
     fix = f"write {first_number(path, shape)!r}{whole}"
-    return InputError(f"axis {path!r}", f"the parameter has shape {shape}, but an axis must vary one number", fix=fix)
+    return InputError(
+        f"axis {path!r}", f"the parameter has shape {shape}, but an axis can vary only one number", fix=fix
+    )
 
 
 def axis_of_scale(path: str, factors: Any, *, name: str = "") -> Axis:
@@ -95,10 +98,10 @@ def axis_of_scale(path: str, factors: Any, *, name: str = "") -> Axis:
 def axis_of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
     """Create an axis for a link's delay (s), jitter (s) or loss (probability). The link becomes a `MeasuredLatency`.
 
-    A delay replaces the link's own latency by a constant. A jitter is a uniformly distributed additional latency from 0
-    to the axis value. It is added to the delay of a delay axis, or without such an axis to the link's mean
-    latency. With a loss, each packet is lost independently. A predictor uses the uplink's mean latency, so its
-    prediction horizon grows with a delay or jitter axis of the uplink.
+    Axis "delay": a constant replaces the link's own latency. Axis "jitter": a uniformly distributed latency from 0 to
+    the axis value is added to the value of the delay axis, or without a delay axis to the link's mean latency. Axis
+    "loss": each packet is lost independently with this probability. A predictor in the autopilot uses the uplink's mean
+    latency, so its prediction horizon changes with a delay or jitter axis of the uplink.
     """
     for what, name, choices in (("axis", kind, KINDS), ("link", link, LINKS)):
         if name not in choices:
@@ -127,7 +130,10 @@ def axis_of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
 
 
 def find_quantity(scenario: Scenario, path: str) -> tuple[Any, Quantity]:
-    """Return value and declaration of a quantity. Raise InputError if the path is unknown or names an option."""
+    """Return value and declaration of the quantity at a path.
+
+    Raise InputError if the path is unknown or names an option.
+    """
     value, declared = _find_leaf(scenario, path.split("."))
     if isinstance(declared, Quantity):
         return value, declared
@@ -160,7 +166,7 @@ def with_values(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
 
 
 def enlarge_rings(scenario: Scenario, last: Scenario) -> Scenario:
-    """Return the scenario with link buffers large enough for the link latencies of another scenario, `last`."""
+    """Return the scenario with link buffers that are large enough for the latencies in another scenario, `last`."""
     for link in LINKS:
         channel, longest = getattr(scenario.world, link), getattr(last.world, link)
         if isinstance(channel, MeasuredLatency):

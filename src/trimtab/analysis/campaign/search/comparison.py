@@ -1,4 +1,4 @@
-"""Comparison of two control laws on the same runs, by the paired t interval of the difference of their costs."""
+"""Comparison of two control laws on the same runs, by the paired t interval of the cost difference."""
 
 from typing import Any, NamedTuple
 
@@ -11,10 +11,9 @@ from trimtab.analysis.campaign.statistics.intervals import proportion
 class Comparison(NamedTuple):
     """Comparison of two control laws, before and after a change, on the same runs.
 
-    runs: number of runs of each law.  before, after: mean cost of each law.  difference: after - before.  low, high:
-    confidence bounds of the difference; NaN if a cost is infinite.  better, worse: number of runs in which the second
-    law costs less, and in which it costs more.  level: confidence.  improves: True if the second law is significantly
-    better.
+    runs: number of runs of each law.  before, after: mean costs.  difference: after - before.  low, high: confidence
+    bounds of the difference; NaN if a cost is infinite.  better, worse: number of runs with a lower and with a higher
+    cost after the change.  level: confidence.  improves: True if the law after the change is significantly better.
     """
 
     runs: int
@@ -30,7 +29,7 @@ class Comparison(NamedTuple):
 
 
 def compare(before: Any, after: Any, level: float = 0.95) -> Comparison:
-    """Compare costs (n,) of the same runs, before and after a change. n must be at least 2."""
+    """Compare the costs (n,) of the same n runs before and after a change. n must be at least 2."""
     n = len(before)
     better, worse = int((after < before).sum()), int((after > before).sum())
     if np.isfinite(before).all() and np.isfinite(after).all():

@@ -1,11 +1,11 @@
 """Cost that tuning minimises: a weighted sum of metrics, e.g. ``error_rms:yaw_rate + 2*error_rms:sway_velocity``.
 
-A gradient needs a cost that is an integral over the run. These metrics are integrals:
+Tuning by gradient needs a cost that is an integral over the run. These metrics are integrals:
 
     error_rms   sqrt(1/T int (x - target)^2 dt), over the second half        rms   sqrt(1/T int x^2 dt)
     mean        1/T int x dt
 
-They use every time step of the run, while the metrics of a campaign use the logged rows.
+For tuning by gradient they are computed from every time step, while the metrics of a campaign use the log rows.
 
 Source: docs page, Tune.
 """
@@ -32,16 +32,16 @@ INTEGRALS = ("error_rms", "rms", "mean")
 
 
 def evaluate_cost(terms: tuple[CostTerm, ...], columns: Mapping[str, Any]) -> Any:
-    """Return costs (n,) from a campaign's columns. The cost of a diverged run is infinite."""
+    """Return the costs (n,) of runs from a campaign's results. The cost of a diverged run is infinite."""
     total = np.sum([t.weight * columns[t.metric] for t in terms], axis=0)
     return np.where(columns["lost"] | np.isnan(total), np.inf, total)
 
 
 class IntegralCost(NamedTuple):
-    """Cost as a function of k integrals. cost: integrands, as `run.gradient.gradients` needs them.
+    """Cost as a function of k integrals. cost: integrands, in the form that `run.gradient.gradients` needs.
 
-    since: start time of each integral (100 ns).  finish: function from integrals (n, k) and their slopes (n, k, d) to
-    costs (n,) and their slopes (n, d).
+    since: start time of each integral (100 ns).  finish: function from integrals (n, k) of n runs and the slopes of
+    these integrals (n, k, d) along d gains to costs (n,) and slopes of the costs (n, d).
     """
 
     cost: Callable[[Signals], Any]
@@ -58,7 +58,7 @@ def integral_cost(terms: tuple[CostTerm, ...], ready: PreparedCampaign) -> Integ
         kind, name = parse_metric(term.metric)
         path = full_path(name)
         if kind not in INTEGRALS:
-            problem = f"a gradient needs metrics that are integrals over the run, but {term.metric} is not one"
+            problem = f"a gradient needs metrics that are integrals over the run, but {term.metric} is not an integral"
             raise InputError(
                 argument_name("cost"),
                 problem,
@@ -70,7 +70,7 @@ def integral_cost(terms: tuple[CostTerm, ...], ready: PreparedCampaign) -> Integ
             fix = f"{argument('method', 'search')}, or use a signal truth.…"
             raise InputError(argument_name("cost"), problem, fix=fix)
         if kind == "error_rms" and declared[split_component(path)[0]].kind == "angle":
-            problem = f"{name} is an angle; its target is shifted by full turns, depending on the end of the run"
+            problem = f"{name} is an angle, whose target is shifted by full turns depending on the end of the run"
             raise InputError(
                 argument_name("cost"),
                 problem,
@@ -86,7 +86,7 @@ def integral_cost(terms: tuple[CostTerm, ...], ready: PreparedCampaign) -> Integ
 
 @functools.cache
 def _integrand(terms: tuple[tuple[str, float, bool], ...]) -> Callable[[Signals], Any]:
-    """Return the integrand of a cost. It is cached, so that each cost is compiled once."""
+    """Return the integrand of a cost. The integrand is cached, so that each cost is compiled only once."""
 
     def integrand(instant: Signals) -> Any:
         numbers = {

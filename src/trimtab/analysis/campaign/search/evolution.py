@@ -1,8 +1,8 @@
-"""CMA-ES in the unit cube, with restarts that double the population (IPOP). Each generation is one batch of runs.
+"""Search by CMA-ES in the unit cube. Restarts double the population (IPOP). Each generation is one batch of runs.
 
 Source: Hansen, Ostermeier, "Completely derandomized self-adaptation in evolution strategies", Evolutionary Computation
 9 (2001); restarts: Auger, Hansen, "A restart CMA evolution strategy with increasing population size", CEC 2005; both by
-the package `cma`, bounds by its smooth transformation.
+the package `cma`, bounds by the smooth transformation in `cma`.
 """
 
 import importlib
@@ -29,7 +29,7 @@ FLAT_GENERATIONS_MAX = 8
 class Generation(NamedTuple):
     """One generation of the evolution strategy.
 
-    x: (n, d), candidates.  f: (n,), values to minimise.  mean: (d,), centre of the search distribution.
+    x: (n, d), candidates.  f: (n,), values of the minimised function.  mean: (d,), centre of the search distribution.
     restart: number of the restart, from 0.
     """
 
@@ -48,17 +48,18 @@ def evolve(
     budget: int,
     seed: int,
 ) -> Iterator[Generation]:
-    """Yield the generations of a search until its budget of points is used up. The caller may stop earlier.
+    """Yield the generations of a search until `budget` points are used up. The caller may stop earlier.
 
     Args:
-        of: function to minimise, from points (n, d) in [0, 1] to finite values (n,). Only their order matters.
-        start: function from the number of the restart to its starting point (d,).
-        step: initial standard deviation, as a fraction of the cube's width.
-        population: minimum population of the first search. Each restart doubles the population.
+        of: function to minimise, from points (n, d) in [0, 1] to finite values (n,). Only the order of the values
+            matters.
+        start: function from the number of a restart to the starting point (d,).
+        step: initial standard deviation of the candidates, as a fraction of the cube's width.
+        population: minimum number of candidates in a generation of the first search. Each restart doubles this number.
         budget: maximum number of points that are evaluated.
-        seed: seed of the search's own random numbers.
+        seed: seed of the random numbers of the search.
     """
-    cma: Any = importlib.import_module("cma")  # the package is needed only for a search
+    cma: Any = importlib.import_module("cma")  # cma is needed only for a search
     spent, restart, rng = 0, 0, np.random.default_rng(seed)
     while True:
         x0 = np.asarray(start(restart), np.float64)

@@ -3,23 +3,23 @@
     minimise over x in [0, 1]^d:  m(x) = minimum (or mean) over w of margin(run with parameters Q(x), noise w)
 
 Q(x) are the quantiles of the varied parameters. A distribution without bounds is searched within three standard
-deviations. The random key word w selects the random numbers of a run. Every candidate flies with the same few words w
-(common random numbers), so that m depends only on x. The first runs cover the whole box [0, 1]^d with Sobol points.
-CMA-ES then starts from the worst point, and restarts from the worst points elsewhere. The last runs fly the worst point
-with new words.
+deviations. The random key w, called word, selects the random numbers of a run. Every candidate x flies with the same
+few words w (common random numbers), so that m depends only on x. The first runs cover the whole box [0, 1]^d with Sobol
+points. CMA-ES then starts from the worst point, and restarts from the worst points elsewhere. The last runs fly the
+worst point with new words.
 
 The margin of a run measures how far the run is from failing. It is negative for a failure. It varies gradually, also
-among successes and among failures. Each condition has a room: its distance to the bound, relative to the bound. The
-margin of a run is that of its worst condition:
+among successes and among failures. Each condition has a room: the distance of the
+metric to the bound, relative to the bound. The margin of a run is that of the worst condition:
 
     settling:s <= T      1 - max |e|/band, over the rows from the last one at or before T
     first_reach:s <= T   1 - min |e|/band, over the rows up to T
-    any other <= b       (b - x)/|b|, or b - x where b = 0
+    any other <= b       (b - x)/|b|, or b - x if b = 0
     >= and >             the same with the opposite sign
-    margin               min of room/(1 + |room|), in (-1, 1);  a diverged run: -2 + t/T, t: time of its first bad row
+    margin               min of room/(1 + |room|), in (-1, 1);  a diverged run: -2 + t/T, t: first non-finite time
 
-For a signal that never settles, the room is its distance from the band. For a signal that settles, it is the remaining
-distance to the edge of the band. A margin is negative if and only if a condition does not hold.
+The room of settling is negative, the distance outside the band, if the signal does not settle by T. Otherwise it is the
+remaining distance to the edge of the band. A margin is negative if and only if a condition does not hold.
 
 Source: Annapureddy, Liu, Fainekos, Sankaranarayanan, "S-TaLiRo: a tool for temporal logic falsification", TACAS 2011,
 for the search by robustness; Fainekos, Pappas, "Robustness of temporal logic specifications for continuous-time
@@ -58,15 +58,15 @@ from trimtab.loop.scenario import Scenario
 
 NAME = "margin"
 SMALLEST_VIOLATION = 1e-12
-"""Smallest size of the margin of a violated condition."""
+"""Smallest absolute value of the margin of a violated condition."""
 OVER: Mapping[str, Callable[[Any], Any]] = {"worst": lambda m: m.min(axis=1), "mean": lambda m: m.mean(axis=1)}
-"""Functions that combine the margins (n, k) of the k runs at each of n points into the values to minimise (n,)."""
+"""Functions that combine margins (n, k) of k runs at n points into one value for each point (n,), to be minimised."""
 TAIL = float(special.ndtr(-3.0))
-"""Probability cut off at each end of a distribution without bounds."""
+"""Probability that is cut off at each end of a distribution without bounds."""
 BATCH_RUNS_MIN = 64
 """Minimum number of runs in a batch. Fewer runs would not use the processor's vector units fully."""
 FIRST, LAST = 0.15, 0.1
-"""Fractions of all runs that cover the whole box at first, and that repeat the worst point with new noise at last."""
+"""Fraction of all runs that covers the whole box at first, and fraction that repeats the worst point at last."""
 STEP = 0.2
 """Initial standard deviation of CMA-ES, as a fraction of the box's width."""
 START_DISTANCE_MIN = 0.3
@@ -80,7 +80,7 @@ def prepare_search(part: str, scenario: str | Scenario, spread: Mapping[str, str
 
 
 def with_margin(ready: PreparedCampaign) -> PreparedCampaign:
-    """Return the campaign with an additional metric, `margin`."""
+    """Return the prepared campaign with an additional metric, `margin`."""
     of = {m.name: m for m in ready.metrics}
     signals = tuple(sorted({s for c in ready.success for s in of[c.metric].signals}))
     more = Metric(NAME, signals, lambda rows: margin(rows, ready.success, of))
@@ -88,7 +88,10 @@ def with_margin(ready: PreparedCampaign) -> PreparedCampaign:
 
 
 def margins(columns: Mapping[str, Any]) -> Any:
-    """Return margins (n,) from a campaign's columns. A run that diverged counts as a failure, whatever its metrics."""
+    """Return the margins (n,) from the results of n runs.
+
+    A run that diverged counts as a failure, whatever its metrics.
+    """
     return np.where(columns["lost"], np.minimum(columns[NAME], -1.0), columns[NAME])
 
 
@@ -108,7 +111,10 @@ def margin(rows: Rows, conditions: tuple[Condition, ...], metrics: Mapping[str, 
 
 
 def _condition_margin(rows: Rows, condition: Condition, metric: Metric) -> Any:
-    """Compute the margins (n,) of one condition. They are negative where the condition does not hold, else not."""
+    """Compute the margins (n,) of one condition in n runs.
+
+    A margin is negative if and only if the condition does not hold.
+    """
     with np.errstate(invalid="ignore", over="ignore"):
         value = np.asarray(metric.of(rows), np.float64)
         room = _distance_to_bound(rows, condition, value)
@@ -130,13 +136,13 @@ def _distance_to_bound(rows: Rows, condition: Condition, value: Any) -> Any:
 
 
 def spread_levels(ready: PreparedCampaign, x: Any) -> Any:
-    """Map points x in [0, 1]^d to probabilities u of the varied parameters, with unbounded tails cut off."""
+    """Map points x in [0, 1]^d to probabilities u of the varied parameters. Unbounded tails are cut off."""
     tail = np.array([TAIL if f.distribution.kind in ("normal", "lognormal") else 0.0 for f in ready.spread.factors])
     return inside_cube(tail + (1 - 2 * tail) * x)
 
 
 class BoxSearch:
-    """Search of the box [0, 1]^d, with all runs so far.
+    """Search of the box [0, 1]^d, with the results of all runs flown.
 
     A call flies the points x (n, d) and returns the values to minimise (n,).
     """
@@ -150,12 +156,11 @@ class BoxSearch:
         self.starts: list[Any] = []
 
     def __call__(self, x: Any) -> Any:
-        """Return the values to minimise at points x (n, d), all flown with the same random key words."""
+        """Return the values to minimise at points x (n, d), all flown with the same random keys."""
         return self.over(self.fly_candidates(x, np.zeros(len(x), np.uint32)))
 
     def fly_candidates(self, x: Any, first: Any) -> Any:
-        """Return margins (n, words) at points x (n, d), each flown with consecutive random key words from `first` (n,)
-        on."""
+        """Return margins (n, words) at points x (n, d). first (n,): first of the consecutive random keys."""
         u = np.repeat(spread_levels(self.ready, x), self.words, axis=0)
         words = first[:, None] + np.arange(self.words, dtype=np.uint32)
         m = margins(fly_points(self.ready, u, words.ravel(), **self.options)).reshape(words.shape)
@@ -164,23 +169,22 @@ class BoxSearch:
         return m
 
     def refly_worst(self, n: int) -> None:
-        """Fly the worst candidate n more times, each time with new random key words."""
+        """Fly the worst candidate n more times, each time with new random keys."""
         x, m, *_ = self.candidates()
         first = self.words * np.arange(1, n + 1, dtype=np.uint32)
         self.restart += 1
         self.fly_candidates(np.repeat(x[[np.argmin(self.over(m))]], n, axis=0), first)
 
     def candidates(self) -> tuple[Any, ...]:
-        """Return all candidates: points (n, d), margins (n, words), first random key word of each (n,), and restart
-        (n,)."""
+        """Return all candidates: points (n, d), margins (n, words), first random keys (n,), restart numbers (n,)."""
         return tuple(np.concatenate(parts) for parts in zip(*self.flights, strict=True))
 
     def remaining_candidates(self, runs: int) -> int:
-        """Return the number of candidates that the remaining runs allow."""
+        """Return the number of candidates that can still be flown. runs: total number of runs."""
         return runs // self.words - sum(len(x) for x, *_ in self.flights)
 
     def cover_box(self, n: int, until_first: bool) -> None:
-        """Fly Sobol points over the whole box, in batches."""
+        """Fly n Sobol points that cover the whole box, in batches."""
         d = len(self.ready.spread.factors)
         with warnings.catch_warnings(
             action="ignore", category=UserWarning
@@ -208,11 +212,12 @@ class FalsificationResult(NamedTuple):
     """Worst run that a search found, and all candidates of the search.
 
     margin: margin of the worst run, from a repetition of this run; negative if the run failed.  values: path -> exact
-    value of the parameter.  point: (d,), the run's point in the box.  word: number that selects the run's random
-    numbers.  columns: the run's metrics.  flown_runs: total number of runs.  first: number of runs until the first
+    value of the parameter.  point: (d,), point of the run in the box.  word: random key that selects the run's random
+    numbers.  columns: metrics of the run.  flown_runs: total number of runs.  first: number of runs until the first
     failure, or None.  candidate_margins: (n, words), margins of all candidates in the order flown.  points: (n, d),
-    the candidates.  stages: (n,), -1 for a Sobol point, otherwise the number of the restart of CMA-ES. The largest
-    number marks the repetitions of the worst point with new noise.  names: names of the varied parameters.
+    points of the candidates in the box.  stages: (n,), -1 for a Sobol point, otherwise the number of the restart of
+    CMA-ES. The largest number marks the repetitions of the worst point with new noise.  names: names of the varied
+    parameters.
     """
 
     plan: CampaignPlan
@@ -270,14 +275,14 @@ def falsify(
         vary: inputs held constant in pieces, e.g. "stick.turn=pieces(5, -1:1)".
         success: conditions of a success, e.g. "settling:yaw_rate <= 10". Default: each target is reached and held.
         runs: maximum number of runs.
-        words: number of runs for each candidate, each with its own random numbers.
+        words: number of runs for each candidate. The runs have different random numbers.
         over: "worst" or "mean": the margin of a candidate is the worst or the mean margin of its runs.
         seed: seed of the runs' random numbers and of the search.
         until_first: True to stop at the first failure.
         settings, without, faults: as in `trimtab run`, only for a scenario given by name.
         backend, threads: as in `simulate_batch`.
         progress: function called with the number of runs flown since the last call.
-        store: folder in which finished runs are stored. The same search resumes from it.
+        store: folder in which finished runs are stored. The same search resumes from this folder.
 
     Raises: InputError for a search that can't be flown, before any run starts.
     """
@@ -333,7 +338,7 @@ def _check_search(ready: PreparedCampaign, runs: int, words: int, over: str) -> 
 
 
 def _summarise_search(ready: PreparedCampaign, search: BoxSearch, backend: str, began: float) -> FalsificationResult:
-    """Repeat the worst run by itself, and summarise the search."""
+    """Repeat the worst run alone, and summarise the search."""
     x, m, first, stages = search.candidates()
     i, at = np.unravel_index(int(np.argmin(m)), m.shape)
     word = int(first[i] + at)

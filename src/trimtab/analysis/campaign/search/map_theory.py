@@ -1,4 +1,4 @@
-"""Linear theory for a stability map: delay margin, jitter margin and critical packet loss, where they apply.
+"""Linear theory for a stability map: delay margin, jitter margin and critical packet loss, as far as each applies.
 
 The theory needs the total delay of a signal in the loop: the time in transit on the links, and the time for which the
 signal is held between packets and between actuator frames.
@@ -25,17 +25,17 @@ from trimtab.links.wire import DelayChain, Wire
 from trimtab.loop.scenario import Scenario
 
 DRAWS = 4096
-"""Number of quantiles that represent the distribution of a link's latency."""
+"""Number of quantiles by which the distribution of a link's latency is represented."""
 FINE = 30
 """Approximate number of points along an axis at which the theory is evaluated."""
 FEW = 8
-"""Approximate number of theory points along an axis that changes the linear loop. Each point needs a linearisation."""
+"""Approximate number of points along an axis that changes the linear loop. The theory needs a linearisation at each."""
 FAR = 10.0
-"""Margin (s) that is used if the delay or jitter has no limit."""
+"""Value used for a delay or jitter margin (s) that is unlimited."""
 
 
 class LoopDelay(NamedTuple):
-    """Delay from measurement to force (s): its minimum, its mean over time, and its maximum."""
+    """Delay from measurement to actuator force (s): minimum, mean over time, and maximum."""
 
     least: float
     mean: float
@@ -43,11 +43,12 @@ class LoopDelay(NamedTuple):
 
 
 def loop_delay(scenario: Scenario) -> LoopDelay:
-    """Compute the delay of a scenario's loop.
+    """Compute the delay from measurement to actuator force in a scenario's loop.
 
-    A link's latency ends at the receiver's next sampling instant. If the actuators latch commands in frames that are
-    synchronous with the packets, it ends at the next frame. A signal held for a time h is delayed by h/2 on average
-    and by at most h. Not included: queueing of packets, lost packets, and the dynamics of estimator and actuators.
+    A link's latency ends at the receiver's next sampling instant. If the actuators accept commands only in frames
+    that are synchronous with the packets, the latency ends at the next frame. A signal held for a time h is delayed by
+    h/2 on average and by at most h. Not included: queueing of packets, lost packets, and the dynamics of estimator and
+    actuators.
 
     Raises: InputError if the latency of a link is not known.
     """
@@ -75,7 +76,7 @@ def _send_period(channel: Any) -> int:
 
 
 def _latencies(name: str, channel: Any, look: int) -> Any:
-    """Return equally likely latencies (k,) in s, rounded up to the receiver's sampling instants."""
+    """Return equally probable latencies (k,) of a link in s, rounded up to the receiver's sampling instants."""
     if isinstance(channel, MeasuredLatency):
         from scipy.special import ndtri
 
@@ -87,7 +88,7 @@ def _latencies(name: str, channel: Any, look: int) -> Any:
         drawn = np.zeros(1)
     else:
         problem = f"the latency of a {type(channel).__name__} is not known"
-        raise InputError(f"world.{name}", problem, fix="give a Wire, a DelayChain or a MeasuredLatency")
+        raise InputError(f"world.{name}", problem, fix="use a Wire, a DelayChain or a MeasuredLatency")
     units = np.round(drawn * UNITS_PER_SECOND).astype(np.int64)
     return -(-units // look) * look / UNITS_PER_SECOND
 
@@ -95,8 +96,8 @@ def _latencies(name: str, channel: Any, look: int) -> Any:
 class StabilityCriterion(NamedTuple):
     """Stability criterion over the plane of a map.
 
-    name: name of the criterion.  x, y: values of the axes (nx,), (ny,).  margin: (nx, ny), in s, or a probability for
-    packet loss; positive on the stable side, 0 on the boundary.
+    name: name of the criterion.  x, y: values on the map's axes (nx,), (ny,).  margin: stability margin (nx, ny) in s,
+    or as a probability for packet loss; positive on the stable side, 0 on the boundary.
     """
 
     name: str
@@ -118,7 +119,7 @@ def linear_loop(scenario: Scenario) -> FeedbackLoop:
     law gets its input from a predictor.
     """
     if scenario.autopilot.predictor is not None:
-        problem = "the law has a predictor, so the margins of the law's own loop do not apply"
+        problem = "the law has a predictor, so the margins of the loop without predictor do not apply"
         raise InputError(
             "theory",
             problem,
@@ -127,7 +128,7 @@ def linear_loop(scenario: Scenario) -> FeedbackLoop:
     law = scenario.autopilot.law
     rest = optional_member(law, "equilibrium")
     if rest is None:
-        fix = "give theory a loop function: loop=lambda scenario: of_law(vehicle, law, state)"
+        fix = "pass a loop function: loop=lambda scenario: of_law(vehicle, law, state)"
         raise InputError("theory", f"{type(law).__name__} has no equilibrium to linearise about", fix=fix)
     return loop_of_law(scenario.world.vehicle, law, rest())
 
@@ -139,8 +140,8 @@ def stability_criteria(
 
     "delay margin" and "jitter margin" apply if an axis is a link's delay or jitter. The delay margin limits the loop's
     mean delay. The jitter margin limits the difference between its maximum and minimum delay. "packet loss" applies if
-    an axis is the uplink's loss and the loop has one state. Each packet is lost with the link's probability, without
-    retransmission.
+    an axis is the uplink's loss and the loop has one state. Each packet is assumed to be lost with the link's loss
+    probability, and not sent again.
 
     Args:
         diagram: the map.
@@ -170,7 +171,7 @@ def stability_criteria(
 
 
 class _Margins(NamedTuple):
-    """Linear loop and its delay margin (s); 0: unstable without delay. jitter: constant delay -> jitter margin (s)."""
+    """Linear loop. delay: delay margin (s), 0 if it is unstable. jitter: constant delay -> jitter margin (s)."""
 
     loop: FeedbackLoop
     delay: float
@@ -203,13 +204,13 @@ def _remaining_margins(margins: _Margins, scenario: Scenario, kinds: set[str]) -
 
 
 def _refine_axis(axis: Axis) -> Any:
-    """Return the values of an axis at which the theory is evaluated. They include those of the coarse grid."""
+    """Return the values of an axis at which the theory is evaluated, including the values of the coarse grid."""
     coarse = np.asarray(axis.values, float)
     each = max((FINE if axis.kind else FEW) // (len(coarse) - 1), 1)
     return np.interp(np.arange((len(coarse) - 1) * each + 1) / each, np.arange(len(coarse)), coarse)
 
 
 def _loop_key(scenario: Scenario) -> bytes:
-    """Return a cache key of the linear loop: all numeric parameters of vehicle and law."""
+    """Return a cache key for the linear loop: all numeric parameters of vehicle and law."""
     both = (*leaves(scenario.world.vehicle), *leaves(scenario.autopilot.law))
     return b"".join(np.asarray(v).tobytes() for _, v, declared in both if isinstance(declared, Quantity))

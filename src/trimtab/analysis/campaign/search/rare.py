@@ -1,10 +1,12 @@
-"""Probability of rare failures, by splitting over a campaign's parameters and noise. Found failures can be repeated.
+"""Probability of rare failures, estimated by multilevel splitting over a campaign's parameters and noise. The failures
+found can be repeated.
 
-The margin is that of `falsify`. Parameters are drawn as in a campaign. The noise of a run has GROUPS words. Each word
-is the seed of one part of the run's random numbers, so that one part can be drawn again without a change of the others.
+The margin of a run is that of `falsify`. Parameters are drawn as in a campaign. The noise of a run is selected by
+GROUPS random keys, called words. Each word is the seed of one part of the run's random numbers, so that one part can be
+drawn again without a change of the others.
 
 Independent starting points (roots) fly in rounds of BATCHES batches. A round depends only on the seed and the number of
-the round. A search that is resumed from its folder therefore gives the same result as an uninterrupted search.
+the round. An estimation that is resumed from the folder therefore has the same result as an uninterrupted one.
 
 Source: docs page, Rare failures; `campaign.statistics.splitting`.
 """
@@ -40,9 +42,9 @@ from trimtab.logs.mcap import replace_file
 from trimtab.loop.scenario import Scenario
 
 GROUPS = 32
-"""Number of random key words that select the noise of a run."""
+"""Number of random keys that together select the noise of a run."""
 ROUNDS, BATCHES = 4, 10
-"""Number of rounds, and number of batches in a round. The interval is computed from the batches' means."""
+"""Number of rounds, and number of batches in a round. The confidence interval is computed from the batches' means."""
 LEAST_RUNS = 5000
 SPREAD_MAX = 6.0
 """Largest distance of a parameter from its median, in standard deviations, at which the scenario must be valid."""
@@ -51,11 +53,10 @@ PILOT_STREAM, ROUND_STREAM = 0, 1
 
 
 class Failure(NamedTuple):
-    """Run that fails. z: standard normal numbers that determine its parameters.  words: random key words of its
-    noise.
+    """Run that fails. z: standard normal numbers that determine the parameters.  words: random keys of the noise.
 
     margin: margin found in the search.  values: path -> exact value of the parameter.
-    columns: metrics, from a repetition of the run by itself.
+    columns: metrics, from a repetition of the run alone.
     """
 
     z: Any
@@ -66,7 +67,7 @@ class Failure(NamedTuple):
 
 
 class PilotReport(NamedTuple):
-    """Forecast made after the pilot. ladder: result of the pilot.  runs: number of runs still to fly.
+    """Forecast after the pilot runs. ladder: result of the pilot runs.  runs: number of runs still to fly.
 
     wall_s: expected duration of these flights (s).  width: expected half-width of the interval, as a fraction of the
     probability.
@@ -82,8 +83,8 @@ class Round(NamedTuple):
     """Result of one round of splitting, as stored in the folder.
 
     sums: (BATCHES,), number of failing descendants in each batch.  failing_roots: number of roots with a failing
-    descendant. survivors, taken: as in `RareResult`. flown: number of runs.  worst, likeliest: z, words and margin of
-    two failures, if any.
+    descendant.  survivors, taken: as in `RareResult`.  flown: number of runs.  worst, likeliest: normal numbers z,
+    words and margin of two failures, or empty.
     """
 
     sums: list[int]
@@ -96,7 +97,7 @@ class Round(NamedTuple):
 
 
 class RareResult(NamedTuple):
-    """Probability of a failure, its interval, and two failures.
+    """Probability of a failure with its confidence interval, and two failures.
 
     ladder: levels and step sizes of the splitting.  roots: total number of roots.  failing_roots: number of roots with
     a failing descendant.  survivors: (K,), number of points below each level.  taken: (K - 1,), share of accepted steps
@@ -143,15 +144,15 @@ def estimate_rare(
     Args:
         scenario: name in the catalogue, ``file.py:function``, or a `Scenario`.
         spread: path -> distribution as text. Without a spread only the noise varies.
-        fault_ranges, vary: as in `falsify`. Values within their bounds are equally probable.
+        fault_ranges, vary: as in `falsify`. Values within the bounds are equally probable.
         success: conditions of a success, e.g. "peak:yaw_rate <= 4". Default: each target is reached and held.
         runs: approximate number of runs.
         seed: seed of all random numbers.
         settings, without, faults: as in `trimtab run`, only for a scenario given by name.
-        folder: folder in which finished rounds are stored. The same estimation resumes from it.
+        folder: folder in which finished rounds are stored. The same estimation resumes from this folder.
         backend, threads: as in `simulate_batch`.
         progress: function called with the number of runs flown since the last call.
-        report: function called once after the pilot, with its forecast.
+        report: function called once after the pilot runs, with the forecast.
 
     Raises: InputError if the scenario can't be flown (before any run starts), if the margin does not approach a
     failure, or if the folder contains a different study.
@@ -199,7 +200,7 @@ def _check_differences(ready: PreparedCampaign) -> None:
 
 
 class _Study:
-    """State of one estimation: the ladder of levels and the rounds flown so far."""
+    """State of one estimation: the levels with their step sizes, and the rounds already flown."""
 
     ladder: Ladder
     roots: int
@@ -213,14 +214,20 @@ class _Study:
         self.new_runs, self.rate, self.d = 0, math.inf, len(ready.spread.factors)
 
     def margins(self, z: Any, words: Any) -> Any:
-        """Compute margins (n,) of runs with parameters from z (n, d) and noise from random key words (n, m)."""
+        """Compute the margins (n,) of n runs. z (n, d): normal numbers of the parameters.
+
+        words (n, m): random keys of the noise.
+        """
         if not words.shape[1]:
             words = np.zeros((len(z), GROUPS), np.uint32)
         self.new_runs += len(z)
         return margins(fly_points(self.ready, inside_cube(special.ndtr(z)), words, **self.options))
 
     def read_or_pilot(self, runs: int) -> None:
-        """Read the ladder and the rounds from the folder. If it has none, run the pilot for a total number of runs."""
+        """Read levels and rounds from the folder. Without stored levels, fly the pilot runs.
+
+        runs: total number of runs.
+        """
         file = None if self.folder is None else self.folder / STATE
         if file is not None and file.exists():
             self._read(file)
@@ -228,7 +235,7 @@ class _Study:
         rng = np.random.default_rng([self.ready.plan.seed, PILOT_STREAM])
         self.words = GROUPS if self._find_noise(rng) else 0
         if not (self.d or self.words):
-            problem = "nothing varies: no parameter has a spread, and no part draws random numbers"
+            problem = "nothing varies: no parameter has a spread, and no part of the scenario draws random numbers"
             raise InputError(
                 argument_name("spread"), problem, fix=argument("spread", "normal(100%, 5%)", "world.vehicle.mass")
             )
@@ -238,9 +245,9 @@ class _Study:
             self.ladder = splitting.set_ladder(self.margins, rng, size, self.d, self.words)
         except splitting.Stalled as stalled:
             problem = (
-                f"after {stalled.flown} runs the margin stays at {stalled.level:.4g} and does not approach a failure"
+                f"after {stalled.flown} runs the margin stays at {stalled.level:.4g} and does not approach 0, a failure"
             )
-            fix = "use a condition on a quantity that approaches its bound gradually, e.g. a peak error"
+            fix = "use a condition with a metric that approaches the bound gradually, e.g. the peak of an error"
             raise InputError(argument_name("success"), problem, fix=fix) from None
         self.rate = (self.new_runs - before) / (time.perf_counter() - began)
         rest = max(runs - self.ladder.flown, 0)
@@ -248,7 +255,7 @@ class _Study:
         self._write()
 
     def _find_noise(self, rng: np.random.Generator) -> bool:
-        """Return True if a run depends on its random key words, i.e. if it draws random numbers."""
+        """Return True if the runs draw random numbers, i.e. if the margin depends on the random keys."""
         n = 64
         z, words = rng.standard_normal((n, self.d)), rng.integers(0, 2**32, (2, n, GROUPS), dtype=np.uint32)
         first, second = self.margins(z, words[0]), self.margins(z, words[1])
@@ -256,7 +263,7 @@ class _Study:
         return not np.array_equal(first, second)
 
     def fly_rounds(self, wanted: int) -> None:
-        """Fly the missing rounds, and store each when it is done."""
+        """Fly the missing rounds, and store each round when it is finished."""
         for number in range(len(self.rounds), wanted):
             rng = np.random.default_rng([self.ready.plan.seed, ROUND_STREAM, number])
             roots = BATCHES * self.roots
@@ -265,7 +272,7 @@ class _Study:
             self._write()
 
     def summarise(self, wall_s: float) -> RareResult:
-        """Combine all rounds into the result."""
+        """Combine all rounds into the result of the estimation."""
         sums = [n for r in self.rounds for n in r.sums]
         survivors = np.sum([r.survivors for r in self.rounds], axis=0)
         worst = min((r.worst for r in self.rounds if r.worst), key=lambda f: f[2], default=None)

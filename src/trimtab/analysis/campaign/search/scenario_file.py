@@ -1,4 +1,4 @@
-"""Scenario files: a scenario of the catalogue with the exact parameter values that a search found."""
+"""Scenario files that a search writes: a scenario with the exact parameter values that the search found."""
 
 import os
 import pprint
@@ -42,11 +42,11 @@ def write_scenario(
     """Write a scenario file atomically.
 
     Args:
-        file: path of the file. It refers to a user's own scenario file by a relative path.
+        file: path of the new file. The file refers to a user's own scenario file by a relative path.
         plan: plan with the scenario, its settings, its faults and the effects left out.
         values: path -> number or array.
         about: lines of the file's docstring.
-        words: random key words that select the noise of run 0. Empty: the noise of run 0 is that of a campaign.
+        words: random keys that select the noise of run 0. If empty, the noise of run 0 is that of a campaign.
     """
     own, _, function = plan.scenario.rpartition(":")
     head, name = '"""' + about.replace('"""', "'''").strip() + '\n"""\n', repr(plan.scenario)
@@ -96,7 +96,7 @@ def check_file(part: str, file: Path) -> None:
 
 
 def _path_expression(file: str, folder: Path) -> str:
-    """Return an expression for a file's path, relative to the folder of the file that will contain it."""
+    """Return a Python expression for a file's path. folder: folder of the file that will contain the expression."""
     return f"str(Path(__file__).parent / {Path(os.path.relpath(file, folder)).as_posix()!r})"
 
 

@@ -1,7 +1,8 @@
-"""Stability map: success of a scenario over a grid of two parameters, refined only near the boundary of success.
+"""Stability map: success of a scenario over a grid of two parameters. The grid is refined only near the boundary of
+success.
 
 Source: docs page, Stability maps; R. A. Finkel, J. L. Bentley, "Quad trees: a data structure for retrieval on composite
-keys", Acta Informatica 4 (1974), for the tree of cells. The rule for splitting cells is this package's own.
+keys", Acta Informatica 4 (1974), for the tree of cells. The rule for splitting cells was developed for this package.
 """
 
 from collections.abc import Callable, Iterable
@@ -23,26 +24,27 @@ from trimtab.run.runner import LEAST_LANE_RUNS
 from trimtab.run.simulate import Batch, simulate_batch
 
 Cell = tuple[int, int, int]
-"""Cell of the lattice: lower corner and size, in steps of the finest lattice."""
+"""Cell of the grid: indices of the lower corner, and size, in steps of the finest grid (lattice)."""
 DEEPEST = 12
 Success = Callable[[Batch], Any]
 """Function from a batch with its log to the success (n,) of each run."""
 SWING = 0.1
-"""Largest residual oscillation accepted at a run's end, as a fraction of a target's band."""
+"""Largest accepted residual oscillation at the end of a run, as a fraction of a target's band."""
 ROWS = 300
-"""Approximate number of log rows evaluated in each run."""
+"""Approximate number of log rows that are evaluated in each run."""
 NUMBERS = 20_000_000
-"""Maximum number of logged values in memory at once. A batch that needs more is flown in parts."""
+"""Maximum number of logged values in memory. A batch that needs more is flown in parts."""
 ALL = 100
 """Approximate number of values in a log row if all signals are logged."""
 
 
 class TracedBoundary(NamedTuple):
-    """Values on a lattice of `shape` points, of which only some were evaluated.
+    """Values on a lattice (grid with the finest step) of `shape` points. Only some points were evaluated.
 
-    index: (n, 2), lattice points, in the order of evaluation.  value: (n,), value of each of these points, in [0, 1].
-    call_index: (n,), number of the function call that evaluated each point, from 0.  cells: (k, 3), lower corner and
-    size of the cells that tile the lattice.  threshold: a point is inside if its value is at least the threshold.
+    index: (n, 2), lattice indices of the evaluated points, in the order of evaluation.  value: (n,), value of each of
+    these points, in [0, 1].  call_index: (n,), number of the function call that evaluated each point, from 0.  cells:
+    (k, 3), lower corner and size of the cells that tile the lattice.  threshold: a point is inside if its value is at
+    least the threshold.
     """
 
     shape: tuple[int, int]
@@ -59,7 +61,7 @@ class TracedBoundary(NamedTuple):
 
     @property
     def of(self) -> int:
-        """Return the number of points of a full grid with the same resolution."""
+        """Return the number of points of a complete grid with the same resolution."""
         return self.shape[0] * self.shape[1]
 
     def grid(self) -> Any:
@@ -69,13 +71,13 @@ class TracedBoundary(NamedTuple):
         return whole
 
     def boundary_cells(self) -> Any:
-        """Return the cells (k, 3) with the boundary of success: their edges have points on both sides of it."""
+        """Return the cells (k, 3) that contain the boundary of success, i.e. with edge points on both sides."""
         inside, known = self.grid() >= self.threshold, ~np.isnan(self.grid())
         mixed = [_is_mixed(inside, known, c) for c in self.cells.tolist()]
         return self.cells[np.array(mixed, bool)]
 
     def crossings(self, line: int, axis: int = 0) -> list[tuple[int, int]]:
-        """Return the crossings of the boundary along one line of the lattice.
+        """Return the crossings of the boundary of success along one line of the lattice.
 
         Each crossing is a pair of neighbouring evaluated points, as lattice indices along `axis`.
         line: index of the line on the other axis. Lines that are not part of the coarse grid have few evaluated points.
@@ -89,11 +91,11 @@ class TracedBoundary(NamedTuple):
 def trace_boundary(
     values: Callable[[Any], Any], coarse: tuple[int, int], depth: int, *, threshold: float = 0.5
 ) -> TracedBoundary:
-    """Evaluate a coarse grid, then only the cells whose edges have points on both sides of the boundary.
+    """Evaluate a coarse grid, then refine only the cells whose edges have points on both sides of the boundary.
 
-    Each of `depth` levels halves these cells and evaluates their new points in one call. If a new point on an edge
-    shows that the boundary enters the neighbouring cell, that cell is split too, in a further call. A region that
-    contains no point of the coarse grid is not found.
+    On each of `depth` levels, these cells are halved, and their new points are evaluated in one call. If a new point on
+    an edge shows that the boundary enters the neighbouring cell, that cell is split too, in a further call. A region
+    that contains no point of the coarse grid is not found.
 
     Args:
         values: function from lattice points (k, 2) to their values (k,).
@@ -136,12 +138,12 @@ def check_grid(coarse: tuple[int, int], depth: int) -> None:
     """Raise InputError for a coarse grid with fewer than 2 points along an axis, or for a depth out of range."""
     if min(coarse) < 2 or not 0 <= depth <= DEEPEST:
         problem = f"got a coarse grid of {coarse[0]} x {coarse[1]} points and depth {depth}"
-        fix = f"give 2 points or more along each axis, and a depth of 0 to {DEEPEST}"
+        fix = f"use 2 points or more along each axis, and a depth of 0 to {DEEPEST}"
         raise InputError("boundary", problem, fix=fix)
 
 
 def _is_mixed(inside: Any, known: Any, cell: Cell) -> bool:
-    """Return True if the evaluated points on the edges of an unsplit cell lie on both sides of the boundary."""
+    """Return True if the evaluated points on the edges of a cell lie on both sides of the boundary."""
     i, j, size = cell
     at = (slice(i, i + size + 1), slice(j, j + size + 1))
     sides = inside[at][known[at]]
@@ -155,17 +157,17 @@ def _split_cell(cell: Cell) -> list[Cell]:
 
 
 def _cell_nodes(cell: Cell) -> list[tuple[int, int]]:
-    """Return the lattice points in the middle of a cell and in the middle of each of its edges."""
+    """Return the lattice points in the middle of a cell and in the middle of each edge of the cell."""
     i, j, size = cell
     h = size // 2
     return [(i + h, j), (i, j + h), (i + h, j + h), (i + size, j + h), (i + h, j + size)]
 
 
 def parse_success(scenario: Scenario, texts: Iterable[str]) -> tuple[Success, tuple[str, ...]]:
-    """Return a function that decides the success of each run of a batch by conditions, and the signals it needs.
+    """Return a function that decides by conditions if each run of a batch succeeds, and the signals for the function.
 
     Args:
-        scenario: the scenario that is flown.
+        scenario: scenario to fly.
         texts: conditions that must all hold, e.g. "error_rms:yaw_rate <= 0.5".
 
     Raises: InputError if a condition uses a metric or signal that the scenario does not have.
@@ -189,8 +191,8 @@ class StabilityMap(NamedTuple):
     """Stability map: share of successful runs at each point flown.
 
     scenario: scenario as flown, with links and buffers prepared for all latencies of the map.  x, y: axes.  at_x, at_y:
-    axis values of the lattice (nx,), (ny,).  traced_boundary: lattice points, shares of successes and cells.  runs:
-    number of runs at each point.  backend: simulation backend used.
+    values on the axes of the finest grid (nx,), (ny,).  traced_boundary: evaluated points, shares of successes, cells.
+    runs: number of runs at each point.  backend: simulation backend used.
     """
 
     scenario: Scenario
@@ -204,7 +206,7 @@ class StabilityMap(NamedTuple):
 
     @property
     def sample_points(self) -> Any:
-        """Return the axis values (n, 2) of the points flown."""
+        """Return the values on the two axes (n, 2) of the points flown."""
         i, j = self.traced_boundary.index.T
         return np.column_stack([self.at_x[i], self.at_y[j]])
 
@@ -214,7 +216,7 @@ class StabilityMap(NamedTuple):
         return self.traced_boundary.value
 
     def crossings(self, y: float) -> list[tuple[float, float]]:
-        """Return the crossings of the boundary along the lattice line nearest to y.
+        """Return the crossings of the boundary of success along the line of the finest grid that is nearest to y.
 
         Each crossing is a pair of neighbouring x values, one on each side of the boundary.
         """
@@ -242,17 +244,17 @@ def stability_map(
 ) -> StabilityMap:
     """Fly a coarse grid of points, then refine the cells that contain the boundary of success.
 
-    All new points of a level fly in one batch. Every point has the same seeds, so that neighbours differ only by their
-    parameters, and the boundary of a random scenario is smooth.
+    All new points of a level fly in one batch. All points have the same seeds, so that neighbouring points differ only
+    by the parameters on the axes, and the boundary is smooth also with noise.
 
     Args:
         scenario: the scenario to fly.
         x, y: the axes. Their values are those of the coarse grid.
         runs: number of runs at each point.
         depth: number of times that a cell is halved.
-        threshold: share of successful runs at the boundary.
-        seed: seed of the first run at a point. The seeds of its further runs are seed + 1, seed + 2, …
-        swing: largest residual oscillation accepted, as a fraction of each target's band. Not used with `success`.
+        threshold: share of successful runs that defines the boundary.
+        seed: seed of the first run at each point. The further runs at a point have seeds seed + 1, seed + 2, …
+        swing: largest accepted residual oscillation, as a fraction of each target's band. Not used with `success`.
         success: function that returns the success of each run of a batch from its log. Default: `target_success`.
         signals: signals logged for `success`. Default without `success`: the targets' signals.
         log_period: period of the log rows (100 ns). Default: a multiple of the autopilot's period, for about 300 rows.
@@ -292,10 +294,10 @@ def stability_map(
 
 
 class _PointFlights(NamedTuple):
-    """Flights at the points of a map.
+    """Settings of the runs at the points of a map, with methods that fly the runs.
 
     scenario: scenario to fly.  seeds: seeds of the runs at a point.  is_success: function that returns the success of
-    each run.  numbers: number of values in the log of a run.  options: options of `simulate_batch`.  memo: store of
+    each run.  numbers: number of logged values of a run.  options: options of `simulate_batch`.  memo: store of
     earlier flights.  used: backends used so far.
     """
 
@@ -308,7 +310,10 @@ class _PointFlights(NamedTuple):
     used: list[str]
 
     def share(self, own: dict[str, Any]) -> Any:
-        """Return the share of successful runs (k,) at k points. own: path -> parameter values at the points (k, …)."""
+        """Return the share of successful runs (k,) at k points.
+
+        own: path -> values of the parameter at the points (k, …).
+        """
         points, runs = len(next(iter(own.values()))), len(self.seeds)
         each = max(NUMBERS // max(self.numbers * runs, 1), 1)
         slices = [slice(i, min(i + each, points)) for i in range(0, points, each)]
@@ -316,7 +321,7 @@ class _PointFlights(NamedTuple):
         return np.concatenate(ok).reshape(points, runs).mean(axis=1)
 
     def _fly_runs(self, spread: dict[str, Any]) -> Any:
-        """Return the success (n,) of each run. The runs of one point follow each other."""
+        """Return the success (n,) of each run. The runs of one point are consecutive."""
         count = len(next(iter(spread.values())))
         seeds = np.tile(self.seeds, count // len(self.seeds))
         if (
@@ -335,7 +340,7 @@ class _PointFlights(NamedTuple):
 
 
 def target_success(scenario: Scenario, swing: float = SWING) -> Success:
-    """Return a function that decides the success of each run of a batch by the targets.
+    """Return a function that decides by the targets if each run of a batch succeeds.
 
     Each target's signal must stay in its band over the last third of the run, with a small or decaying oscillation. An
     amplitude up to `swing` times the band is small, see `statistics.metrics.swing_amplitude`. A larger limit cycle is
@@ -343,7 +348,7 @@ def target_success(scenario: Scenario, swing: float = SWING) -> Success:
     """
     targets = tuple(scenario.targets)
     if not targets:
-        fix = "give the scenario targets=(Target(…),), or a success function of your own"
+        fix = "add targets=(Target(…),) to the scenario, or pass a success function of your own"
         raise InputError(
             f"scenario {scenario.name!r}", "has no targets; define success with conditions or a function", fix=fix
         )
@@ -381,7 +386,10 @@ def _prepare_map(scenario: Scenario, x: Axis, y: Axis) -> tuple[Scenario, tuple[
 
 
 def values_at(base: Scenario, x: Axis, y: Axis, a: float, b: float) -> dict[str, Any]:
-    """Return path -> parameter value at one point (a, b) of the map. The changes of y are made after those of x."""
+    """Return path -> parameter value at one point (a, b) of the map.
+
+    The changes by axis y are made after those by axis x.
+    """
     first = x.change(base, float(a))
     second = y.change(base, float(b))
     if {*first} & {*second}:

@@ -1,4 +1,4 @@
-"""Tuning: gains that minimise the mean cost of many runs, and their performance in runs not used for tuning.
+"""Tuning: search for gains that minimise the mean cost of many runs, and validation in runs not used for tuning.
 
 A gain is a parameter with a search range, e.g. ``autopilot.law.k1=0.5:3``. Its position x within the range is scaled
 to [0, 1], on a logarithmic scale for a range written as ``loguniform(LOW, HIGH)``. A limit that ends in % is
@@ -60,9 +60,10 @@ from trimtab.run.gradient import gradients
 METHODS = ("search", "gradient")
 RANGES = ("uniform", "loguniform")
 UNSEEN = 2**31
-"""Number of the first validation run. Tuning flies only runs with smaller numbers."""
+"""Run number of the first validation run. Tuning flies only runs with smaller numbers."""
 BOUND = 0.01
-"""Largest distance of a gain from an end of its range, as a fraction of the range, at which it counts as at the end."""
+"""Largest distance of a gain from an end of the search range, as a fraction of the range, at which the gain counts as
+being at the end."""
 
 
 def _falls(low: str, high: str) -> bool:
@@ -73,7 +74,7 @@ def _falls(low: str, high: str) -> bool:
 
 
 def parse_gain(path: str, text: str) -> Distribution:
-    """Read the search range of a gain from its text. path: path of the gain, for errors."""
+    """Read the search range of a gain from text. path: path of the gain, for errors."""
     part, fix = (
         argument_name("gains", path),
         f"{argument('gains', '0.5:3', path)}, or {argument('gains', 'loguniform(0.01, 10)', path)}",
@@ -96,7 +97,8 @@ class Gains(NamedTuple):
     """Gains that are tuned.
 
     ready: prepared campaign.  at: indices of the gains among the campaign's varied parameters.
-    own: the gains' values in the scenario.  start: (d,), position of `own` in the search ranges, scaled to [0, 1].
+    own: values of the gains in the scenario.  start: (d,), positions of these values in the search ranges, scaled to
+    [0, 1].
     """
 
     ready: PreparedCampaign
@@ -110,9 +112,9 @@ class Gains(NamedTuple):
         return tuple(self.ready.spread.factors[i] for i in self.at)
 
     def spread_points(self, x: Any, first: int) -> Any:
-        """Return points u (n, number of varied parameters) for runs first … first + n - 1.
+        """Return sampling points u (n, number of varied parameters) for runs first … first + n - 1.
 
-        The gains are those at positions x (n, d). The other parameters are drawn as in a campaign.
+        The gains are at scaled positions x (n, d) in their ranges. The other parameters are drawn as in a campaign.
         """
         u = draw_runs(self.ready, first, first + len(x))[0].u.copy()
         u[:, self.at] = inside_cube(x)
@@ -130,7 +132,7 @@ class Gains(NamedTuple):
         return np.stack(columns, axis=1)
 
     def gain_values(self, x: Any) -> dict[str, float]:
-        """Return path of a gain -> its value, for scaled positions x (d,)."""
+        """Return path of a gain -> value, for scaled positions x (d,)."""
         each = zip(self.factors, inside_cube(x), self.own, strict=True)
         return {f.text: float(f.distribution.quantile(np.array([u]), own)[0]) for f, u, own in each}
 
@@ -141,14 +143,17 @@ class Gains(NamedTuple):
     def values(self, x: Any) -> dict[str, Any]:
         """Return path -> parameter value, for gains at scaled positions x (d,).
 
-        Elements of an array that are not gains keep the scenario's values.
+        Array elements that are not gains keep the scenario's values.
         """
         alone = self.ready._replace(spread=Spread(self.factors))
         return parameters_at(alone, inside_cube(x))
 
 
 def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
-    """Return the gains of a campaign. Raise InputError if a search range does not include the value in the scenario."""
+    """Return the gains of a campaign.
+
+    Raise InputError if a search range does not include the gain's value in the scenario.
+    """
     texts = [f.text for f in ready.spread.factors]
     at = np.array([i for i, text in enumerate(texts) if text in names])
     known = {path: value for path, value, _ in leaves(ready.scenario)}
@@ -168,7 +173,7 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
             raise InputError(
                 part,
                 problem,
-                fix=f"give a wider range, or another start: {argument('settings', f'{low:g}', factor.text)}",
+                fix=f"use a wider range, or another start value: {argument('settings', f'{low:g}', factor.text)}",
             )
         log = factor.distribution.kind == "loguniform"
         values.append(own)
@@ -179,12 +184,12 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
 class TuningResult(NamedTuple):
     """Result of tuning.
 
-    values: path -> exact parameter value with the tuned gains.  before, after: path of a gain -> its value in the
-    scenario, its tuned value.  steps: steps of the search.  slopes: slope of the cost at each step of the gradient
-    method.  seen_comparison: comparison with the scenario's own gains, in the runs used for tuning.
-    held_out_comparison: the same comparison in other runs, which decides if the tuned gains are better.  flown_runs:
-    total number of runs. A run with its derivative along d gains counts d times.  wall_s: duration (s).
-    at_bounds: gains within BOUND of an end of their range. A wider range may give a better result.
+    values: path -> exact parameter value with the tuned gains.  before, after: path of a gain -> value in the scenario,
+    and tuned value.  steps: steps of the method.  slopes: slope of the cost at each step of the gradient method.
+    seen_comparison: comparison with the scenario's own gains, in the runs used for tuning.
+    held_out_comparison: the same comparison in the validation runs. It decides if the tuned gains are better.
+    flown_runs: total number of runs. A run with derivatives along d gains counts d times.  wall_s: duration (s).
+    at_bounds: gains within BOUND of an end of the range. A wider range may lead to a better result.
     """
 
     plan: CampaignPlan
@@ -202,7 +207,7 @@ class TuningResult(NamedTuple):
 
     @property
     def is_improvement(self) -> bool:
-        """Return True if the comparison in the held-out runs shows a significant improvement."""
+        """Return True if the comparison in the validation runs shows a significant improvement."""
         return self.held_out_comparison.improves
 
 
@@ -245,8 +250,9 @@ def tune(
         spread: other parameters that vary from run to run, as in a campaign.
         seed: seed of the runs' random numbers and of the method.
         settings, without, faults: as in `trimtab run`, only for a scenario given by name.
-        backend, threads: as in `simulate_batch`.  progress: called with the number of runs flown since the last call.
-        store: folder in which finished runs are stored. The same tuning resumes from it.
+        backend, threads: as in `simulate_batch`.  progress: function called with the number of runs flown since the
+            last call.
+        store: folder in which finished runs are stored. The same tuning resumes from this folder.
     Raises: InputError for a scenario that can't be flown or tuned, before any run starts.
     """
     began = time.perf_counter()
@@ -308,7 +314,10 @@ def _check_tuning(
 
 
 def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[str, ...]) -> Gains:
-    """Return the gains to tune. Check their ranges first. Errors name the gain, not the spread that represents it."""
+    """Return the gains to tune, after a check of the search ranges.
+
+    Errors name the gain, not the spread that represents the gain.
+    """
     try:
         if isinstance(scenario, str):
             scenario = build_scenario(plan)
@@ -336,16 +345,16 @@ def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[st
 
 
 class _GainFlights:
-    """Flights with gains at given positions in their search ranges."""
+    """Function that flies runs with gains at given positions in their search ranges, and counts the runs."""
 
     def __init__(self, gains: Gains, terms: tuple[CostTerm, ...], runs: int, options: Mapping[str, Any]) -> None:
         self.gains, self.terms, self.runs, self.options = gains, terms, runs, options
         self.flown_runs = 0
 
     def costs(self, x: Any, first: int = 0, runs: int | None = None) -> Any:
-        """Return costs (n, runs) of n sets of gains, given by their scaled positions x (n, d).
+        """Return costs (n, runs) of n sets of gains at scaled positions x (n, d).
 
-        Each set is flown in the same runs. first: number of the first run.
+        All sets are flown in the same runs. first: number of the first run.
         """
         n = runs or self.runs
         u = np.concatenate([self.gains.spread_points(np.repeat(place[None], n, axis=0), first) for place in x])
@@ -359,7 +368,7 @@ class _GainFlights:
         return compare(before, after)
 
     def slope_function(self) -> Callable[[Any, int], tuple[Any, Any]]:
-        """Return a function that flies pairs of runs, and returns their costs and the derivatives along the gains."""
+        """Return a function that flies pairs of runs, and returns costs and derivatives with respect to the gains."""
         ready, gains = self.gains.ready, self.gains
         of = integral_cost(self.terms, ready)
         along = [(f.path, f.at or ()) for f in gains.factors]

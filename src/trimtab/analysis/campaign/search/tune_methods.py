@@ -1,11 +1,11 @@
-"""Methods of tuning: CMA-ES without derivatives, or gradient descent with derivatives through the simulated loop.
+"""Methods of tuning: CMA-ES, which needs no derivatives, and gradient descent with derivatives of the simulated loop.
 
-**Search**: CMA-ES minimises the mean cost of many runs, the same runs for every candidate. A candidate with fewer runs
-of infinite cost is always better, see `merit`.
+**Search**: CMA-ES minimises the mean cost of many runs, which are the same for every candidate. A candidate with fewer
+runs of infinite cost is always better, see `merit`.
 
 **Gradient**, smoothed over switches: the cost is averaged over nearby gains and over runs.
 
-    f_s(x) = E over eps ~ N(0, I) and runs of f(fold(x + s eps))           smooth, whatever switches in the loop
+    f_s(x) = E over eps ~ N(0, I) and runs of f(fold(x + s eps))           smooth, even if the loop switches
 
 In a loop that switches, the cost may jump as a gain changes. The derivative of a single run ignores the jump. The mean
 f_s has no jump. Each pair x ± s eps, flown with the same random numbers, gives two estimates of the slope:
@@ -36,17 +36,20 @@ from trimtab.analysis.campaign.search.evolution import evolve
 from trimtab.core.errors import InputError, argument, argument_name
 
 STEP, POPULATION = 0.25, 8
-"""Initial standard deviation of CMA-ES, as a fraction of the ranges, and its minimum population."""
+"""Initial standard deviation of CMA-ES, as a fraction of the ranges, and minimum population of CMA-ES."""
 RATE, BETA1, BETA2 = 0.06, 0.8, 0.95
 """Parameters of Adam: learning rate and decay rates."""
 PairFlights = Callable[[Any, int], tuple[Any, Any]]
-"""Function that flies pairs of runs, from scaled gains (n, d) and the first run number to costs (n,), slopes (n, d)."""
+"""Function that flies pairs of runs.
+
+It maps scaled gains (n, d) and the first run number to costs (n,) and slopes (n, d).
+"""
 
 
 class TuningStep(NamedTuple):
-    """One step of a tuning.
+    """One step of a tuning method.
 
-    flown_runs: number of runs so far.  cost: mean cost of the step's runs.  x: (d,), gains, scaled to [0, 1].
+    flown_runs: number of runs up to this step.  cost: mean cost of the step's runs.  x: (d,), gains, scaled to [0, 1].
     """
 
     flown_runs: int
@@ -69,10 +72,10 @@ def merit(costs: Any, reference: float) -> Any:
 def search_gains(
     costs: Callable[[Any], Any], start: Any, runs: int, iterations: int, seed: int
 ) -> tuple[Any, list[TuningStep]]:
-    """Search for the best gains. Return the best gains (d,), scaled to [0, 1], and the steps of the search.
+    """Search for the best gains by CMA-ES. Return the best gains (d,), scaled to [0, 1], and the steps of the search.
 
     Args:
-        costs: function from scaled gains (n, d) to costs (n, runs), always for the same runs.
+        costs: function from scaled gains (n, d) to costs (n, runs) in the same runs.
         start: (d,), the scenario's own gains, scaled to [0, 1].
         runs: number of runs of a candidate.
         iterations: number of generations with the minimum population. Larger generations count as several.
@@ -113,9 +116,9 @@ def search_gains(
 
 
 class Slope(NamedTuple):
-    """Slope of the cost (d,). weight: weight of the first-order estimate (d,).
+    """Slope (d,) of the cost. weight: weight (d,) of the first-order estimate.
 
-    first, zeroth: first-order and zeroth-order estimates of the slope (d,).
+    first, zeroth: first-order and zeroth-order estimates (d,) of the slope.
     """
 
     slope: Any
@@ -125,7 +128,7 @@ class Slope(NamedTuple):
 
 
 def fold_points(y: Any) -> tuple[Any, Any]:
-    """Fold any numbers into [0, 1] by reflection at 0 and 1. Return the folded numbers and the signs of the slope."""
+    """Fold any numbers into [0, 1] by reflection at 0 and 1. Return the folded numbers and the slopes (1, -1)."""
     z = np.mod(y, 2.0)
     return np.where(z > 1, 2 - z, z), np.where(z > 1, -1.0, 1.0)
 
@@ -133,7 +136,7 @@ def fold_points(y: Any) -> tuple[Any, Any]:
 def combine_estimates(first: Any, zeroth: Any) -> Slope:
     """Combine samples (pairs, d) of the first-order and the zeroth-order estimate into one slope.
 
-    Their weights give the least estimated mean square error.
+    The weights minimise the estimated mean square error.
     """
     n = len(first)
     difference = first - zeroth
@@ -163,14 +166,14 @@ def estimate_slope(flights: PairFlights, x: Any, eps: Any, width: float, first_r
 def descend_gradient(
     flights: PairFlights, start: Any, runs: int, iterations: int, width: float, seed: int
 ) -> tuple[Any, list[TuningStep], list[Slope]]:
-    """Descend along the gradient. Return scaled gains (d,), steps and slopes. Every iteration flies new runs.
+    """Minimise the cost by gradient descent. Return scaled gains (d,), steps, slopes. Every iteration flies new runs.
 
     Args:
         flights: function that flies pairs of runs, see `PairFlights`.
         start: (d,), the scenario's own gains, scaled to [0, 1].
         runs: number of runs in an iteration, i.e. runs/2 pairs.
         iterations: number of steps.
-        width: width s of the smoothing, as a fraction of the ranges.
+        width: width s over which the cost is smoothed, as a fraction of the ranges.
         seed: seed of the random differences eps.
     """
     rng, pairs = np.random.default_rng(seed), runs // 2

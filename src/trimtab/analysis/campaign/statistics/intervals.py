@@ -1,4 +1,4 @@
-"""Intervals of a probability, a quantile and a mean, estimated from independent runs.
+"""Confidence intervals of a probability, a quantile and a mean, estimated from independent runs.
 
 **Probability**: Clopper and Pearson's interval, whose bounds are quantiles of a beta distribution,
 
@@ -8,27 +8,30 @@
 
     P(X(l) > q_p) <= P(B <= l - 1) <= tail        P(X(u) < q_p) <= P(B >= u) <= tail        B ~ Bin(n, p)
 
-with X(1) <= ... <= X(n), the largest such l and the smallest such u. They hold for any distribution, even with steps.
+with X(1) <= ... <= X(n). The largest such l and the smallest such u are used. The bounds hold for any distribution,
+also one with steps.
 
 **Mean**: metrics of runs are skew (a few settle very late). One-sided bounds by Student's t are then wrong by the order
 of 1/sqrt(n). A cubic transformation removes the runs' skewness g, which leaves an error of the order of 1/n:
 
     h(w) = w + g w^2/3 + g^2 w^3/27 + g/(6 n)        w = (mean - mu)/s        sqrt(n) h(w): roughly Student's t
 
-It is monotonic and has an inverse, which gives the bounds: mu = mean - s h^-1(t/sqrt(n)).
+h is monotonic. Its inverse yields the bounds mu = mean - s h^-1(t/sqrt(n)).
 
-**Anytime**: an interval for a fixed number of runs covers the truth less often if the runs stop as soon as it looks
-good. With `anytime`, the intervals of a probability and of a quantile hold at all numbers of runs together, in a
-share `level` of all campaigns. You may then stop for any reason, resume later, and look after every block.
+**Anytime**: an interval for a fixed number of runs contains the true value less often if a campaign stops as soon as
+the interval looks good. With `anytime`, the intervals of a probability and of a quantile are valid at all numbers of
+runs
+together: in a share `level` of all campaigns, no interval misses the true value. You may then stop for any reason,
+resume later, and look at the interval after every block of runs.
 
-Of k successes in n runs, the evidence that the probability is above p is a martingale under p, so that Ville's
-inequality bounds how often it ever reaches 1/tail. With theta uniform on [p, 1]:
+The evidence M that the success probability is above p, from k successes in n runs, is a martingale if the probability
+is p. Ville's inequality therefore bounds how often M ever reaches 1/tail. With theta uniform on [p, 1]:
 
     M(k, n, p) = 1/(1 - p) * integral over theta from p to 1 of (theta/p)^k ((1 - theta)/(1 - p))^(n - k)
                = B(k + 1, n - k + 1) (1 - I_p(k + 1, n - k + 1)) / ((1 - p) p^k (1 - p)^(n - k))
 
 The lower bound is the p at which M = 1/tail. The upper bound follows with successes and failures exchanged. Bounds of a
-quantile are order statistics: the number of values below the quantile is such a count, with a known p.
+quantile are order statistics: the number of values below the quantile is a number of successes, with a known p.
 
 Source: [1] Clopper, Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial",
 Biometrika 26 (1934); beta quantiles: [2] Johnson, Kemp, Kotz, "Univariate discrete distributions", Wiley 2005, section
@@ -52,7 +55,7 @@ from scipy import special, stats
 from trimtab.core.errors import InputError
 
 HALVINGS = 60
-"""Number of bisection steps in the search for a bound. The bound is then exact to 2^-60."""
+"""Number of bisection steps in the search for a confidence bound, which is then exact to 2^-60."""
 RUNS_MAX = 1 << 62
 """Upper limit in the search for the minimum number of runs."""
 LEAST_FOR_MEAN = 30
@@ -68,7 +71,7 @@ def check_level(part: str, level: float) -> None:
 class Proportion(NamedTuple):
     """Share of successful runs, with a confidence interval of the success probability.
 
-    low, high: ends of the interval. It contains the true probability with a confidence of at least `level`.
+    low, high: ends of the interval, which contains the true probability with a confidence of at least `level`.
     """
 
     successes: int
@@ -92,14 +95,14 @@ def proportion(successes: int, trials: int, level: float = 0.95, *, anytime: boo
     Args:
         successes: k, number of successes.
         trials: n, number of trials, at least one.
-        level: confidence, between 0 and 1; both tails are equal.
+        level: confidence, between 0 and 1. The probabilities of the two tails are equal.
         anytime: True if the intervals must be valid at all numbers of runs together, for a campaign that may stop
-            because of them. Then the trials must be runs 0 to n - 1, in order, without gaps.
+            because of them. The trials must then be runs 0 to n - 1, in order, without gaps.
     """
     k, n = int(successes), int(trials)
     if n < 1 or not 0 <= k <= n or (k, n) != (successes, trials):
         problem = f"{successes} successes in {trials} trials are not possible"
-        raise InputError("proportion", problem, fix="give whole numbers, 0 <= successes <= trials, trials at least 1")
+        raise InputError("proportion", problem, fix="pass whole numbers with 0 <= successes <= trials and trials >= 1")
     check_level("proportion", level)
     tail = (1 - level) / 2
     if anytime:
@@ -114,7 +117,7 @@ class Quantile(NamedTuple):
     """Quantile of a metric over the runs flown, with a confidence band for the true quantile.
 
     p: level of the quantile.  value: smallest value that at least a share p of the runs do not exceed.  low, high:
-    bounds of the band; -inf or inf if the runs are too few for a bound on that side.  level: confidence of the band.
+    bounds of the band; -inf or inf if the runs are too few for this bound.  level: confidence of the band.
     trials: number of runs.  not_finite: number of runs without a finite value.  needed_runs: minimum number of runs for
     a band with both bounds.
     """
@@ -134,7 +137,7 @@ class Quantile(NamedTuple):
         return f"p{100 * self.p:.10g}"
 
     def __str__(self) -> str:
-        """Return the quantile and its band as text, as in "p95 8.31 (8.02 to 8.77)"."""
+        """Return the quantile and the confidence band as text, as in "p95 8.31 (8.02 to 8.77)"."""
         few = "" if self.trials >= self.needed_runs else f"; both bounds need {self.needed_runs} runs"
         return f"{self.name} {self.value:.4g} ({self.low:.4g} to {self.high:.4g}{few})"
 
@@ -142,15 +145,15 @@ class Quantile(NamedTuple):
 def quantile(
     values: Any, p: float, level: float = 0.95, *, missing: float = math.inf, anytime: bool = False
 ) -> Quantile:
-    """Return a quantile with its confidence band.
+    """Return a quantile of a metric with a confidence band.
 
-    The confidence `level` is that of each band by itself, not that of the bands of several quantiles together.
+    The confidence `level` applies to each band alone, not to the bands of several quantiles together.
 
     Args:
         values: the metric of each run, shape (n,); runs are independent.
         p: level of the quantile, between 0 and 1.
-        level: confidence, between 0 and 1; both tails are equal.
-        missing: value of a run whose metric is NaN (a diverged run, or one that never settled). Use inf if large
+        level: confidence, between 0 and 1. The probabilities of the two tails are equal.
+        missing: value for a run whose metric is NaN (the run diverged, or the signal never settled). Use inf if large
             values of the metric are bad, -inf if small values are bad.
         anytime: True if the bands must be valid at all numbers of runs together, for a campaign that may stop because
             of them.
@@ -172,14 +175,14 @@ def quantile(
 def ranks(trials: int, p: float, level: float) -> tuple[int, int]:
     """Return the ranks of two run values that bound the p-quantile with confidence `level`. Rank 1: smallest value.
 
-    A lower rank of 0, or an upper rank of trials + 1, means that the runs are too few for a bound on that side.
+    A lower rank of 0, or an upper rank of trials + 1, means that the runs are too few for this bound.
     """
     tail = (1 - level) / 2
     return int(stats.binom.ppf(tail, trials, p)), int(stats.binom.isf(tail, trials, p)) + 1
 
 
 def ranks_anytime(trials: int, p: float, level: float) -> tuple[int, int]:
-    """Return ranks as `ranks` does, for bounds that are valid at all numbers of runs together."""
+    """Return ranks as `ranks` does, but for bounds that are valid at all numbers of runs together."""
     enough = -np.log((1 - level) / 2)
     counts = range(trials + 1)
     low = bisect_left(counts, True, key=lambda k: bool(log_evidence(trials - k, trials, 1 - p) < enough))
@@ -210,7 +213,7 @@ def log_evidence(k: Any, n: Any, p: Any) -> Any:
 def lower_bound(k: Any, n: Any, tail: float) -> Any:
     """Return a lower bound of the success probability for k successes in n runs. k and n: arrays of any shape.
 
-    The bounds are valid at all n together, except in a share `tail` of the campaigns.
+    The bounds are valid at all numbers of runs n together, except in a share `tail` of all campaigns.
     """
     k, n = np.broadcast_arrays(np.asarray(k, np.float64), np.asarray(n, np.float64))
     low, high = np.zeros(k.shape), k / n
@@ -227,15 +230,15 @@ def as_column(values: Any, part: str) -> Any:
     x = np.asarray(values)
     if x.ndim != 1 or not len(x) or x.dtype.kind not in "biuf":
         problem = f"got an array of shape {x.shape} and type {x.dtype}"
-        raise InputError(part, problem, fix="give one number for each run, and at least one run")
+        raise InputError(part, problem, fix="pass one number for each run, and at least one run")
     return x.astype(np.float64)
 
 
 class Mean(NamedTuple):
     """Mean of a metric over the runs flown, with a confidence interval for the true mean.
 
-    low, high: bounds of the interval; infinite if they cannot be computed from these runs.
-    not_finite: number of runs without a finite value. A single such run makes the mean infinite.
+    low, high: bounds of the interval; infinite if the bounds cannot be computed from these runs.
+    not_finite: number of runs without a finite value. A single run of this kind makes the mean infinite.
     """
 
     value: float
@@ -246,19 +249,19 @@ class Mean(NamedTuple):
     not_finite: int
 
     def __str__(self) -> str:
-        """Return the mean and its interval as text, as in "4.21 (4.05 to 4.4)"."""
+        """Return the mean and the confidence interval as text, as in "4.21 (4.05 to 4.4)"."""
         return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g})"
 
 
 def mean(values: Any, level: float = 0.95) -> Mean:
     """Return the mean with an approximate interval. Its coverage is measured in docs/campaign/intervals.md.
 
-    A run without a finite value makes the mean infinite; the bounds are then -inf and inf. They are also -inf and inf
-    with fewer than 30 runs, or if all values are equal.
+    If a run has no finite value, the mean is infinite, and the bounds are -inf and inf. The bounds are also -inf and
+    inf with fewer than 30 runs, or if all values are equal.
 
     Args:
         values: the metric of each run, shape (n,); runs are independent.
-        level: confidence, between 0 and 1; both tails are equal.
+        level: confidence, between 0 and 1. The probabilities of the two tails are equal.
     """
     check_level("mean", level)
     x = as_column(values, "mean")

@@ -1,8 +1,8 @@
-"""Metrics of a campaign, computed for a block of runs at once. `logs.metrics` computes them for one run.
+"""Metrics of a campaign, computed for a block of runs together. `logs.metrics` computes the metrics of one run.
 
 A metric is written as KIND:SIGNAL, e.g. ``settling:yaw_rate`` or ``peak:truth.sway_velocity``, as robustness:FORMULA,
-or as a function in a file, ``my_metrics.py:miss_distance``. The function maps `Rows` to an array (n,). A metric that is
-the time of an event is inf if the event never happens.
+or as a function in a file, ``my_metrics.py:miss_distance``. The function maps `Rows` of n runs to an array (n,).
+A metric that is the time of an event is inf if the event never happens.
 
 Source: docs pages, Metrics (logs) and Campaigns.
 """
@@ -34,8 +34,8 @@ class Rows:
     t: times of the rows (m,), s.  signals: path -> values (n, m, …).  targets: targets of the scenario.
     angles: paths of the signals that are angles, which wrap.  final: path -> values after the last step (n, …). For a
     signal that is not in `final`, the last row is used.  flight: source of the derived signals `flight.roll` etc.,
-    which are computed on request, as in a log.  end_time: end of all runs (s).  parameters: path -> values (n,) of the
-    parameters needed to compute derived signals of a flight over the rotating earth.
+    which are computed on request, as in a log.  end_time: time at which all runs end (s).  parameters: path -> values
+    (n,) of the parameters needed to compute derived signals of a flight over the rotating earth.
     """
 
     t: Any
@@ -52,16 +52,16 @@ class Rows:
     _errors: dict[str, Any] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __getitem__(self, path: str) -> Any:
-        """Return the values (n, m, …) of a signal, given its path or short name.
+        """Return the values (n, m, …) of the signal with a path or short name.
 
-        "truth.velocity[2]" selects one element of a vector, (n, m).
+        "truth.velocity[2]" selects one element of a vector; the values are then (n, m).
         """
         whole, index = split_component(full_path(path))
         signal = self._work_out(whole)[0] if self._is_derived(whole) else self.signals[whole]
         return signal if index is None else signal[:, :, index]
 
     def end(self, path: str) -> Any:
-        """Return the value of a signal at the end of each run (n, …)."""
+        """Return the values (n, …) of a signal at the end of each run."""
         whole, index = split_component(full_path(path))
         if self._is_derived(whole):
             return self._work_out(whole)[1]
@@ -72,7 +72,7 @@ class Rows:
         return path.startswith(FLIGHT) and self.flight is not None and path not in self.signals
 
     def _work_out(self, path: str) -> tuple[Any, Any]:
-        """Return rows (n, m) and last values (n,) of a derived signal, e.g. "flight.roll"."""
+        """Return logged values (n, m) and last values (n,) of a derived signal, e.g. "flight.roll"."""
         if not self._flights:
             flights = [self._work_out_run(i) for i in range(len(next(iter(self.signals.values()))))]
             for name in flights[0][0]:
@@ -89,7 +89,7 @@ class Rows:
         return self.flight.work_out(self.t, {p: self.signals[p][i] for p in paths}, ends, self.end_time, parameters)
 
     def error(self, path: str) -> Any:
-        """Return a signal minus its target (n, m), read-only.
+        """Return the error (n, m) of a signal, i.e. signal minus target, as a read-only array.
 
         The target of an angle is shifted by full turns to be as near as possible to the last value of the run.
         """
@@ -115,7 +115,7 @@ class Rows:
 class Metric(NamedTuple):
     """Metric of a run.
 
-    name: name of the metric's column.  signals: paths of the signals that the metric needs.
+    name: name of the metric in the results.  signals: paths of the signals that the metric needs.
     of: function from `Rows` to values (n,).  unit: unit of the values.
     """
 
@@ -131,7 +131,7 @@ class Metric(NamedTuple):
 
 
 def settling(rows: Rows, path: str) -> Any:
-    """Return the settling time (s) after which a signal stays in its target's band; inf if the signal never settles."""
+    """Return the settling time (s) after which a signal stays in its target band; inf if the signal never settles."""
     error = rows.error(path)
     backwards = np.empty(error.shape)
     np.abs(error[:, ::-1], out=backwards)  # in the order of the search, so that it ends early
@@ -145,7 +145,8 @@ def settling(rows: Rows, path: str) -> Any:
 def first_reach(rows: Rows, path: str) -> Any:
     """Return the time (s) at which a signal first reaches its target; inf if it never does.
 
-    The target is reached at the first row inside the band. A crossing of the target between two rows is interpolated.
+    The target counts as reached at the first log row inside the target band. A crossing of the target between two rows
+    is interpolated.
     """
     error, t = rows.error(path), rows.t - rows.t[0]
     inside = np.abs(error) <= rows.band(path)
@@ -162,7 +163,7 @@ def first_reach(rows: Rows, path: str) -> Any:
 
 
 def overshoot(rows: Rows, path: str) -> Any:
-    """Return the overshoot: the largest distance of a signal beyond its target, on the side away from its start.
+    """Return the overshoot: largest distance of a signal beyond its target, on the side opposite to the initial value.
 
     The overshoot of a diverged run is inf.
     """
@@ -199,7 +200,7 @@ def _tail_errors(rows: Rows, path: str) -> Any:
 
 
 def _start_index(rows: Rows, share: float) -> int:
-    """Return the index of the first row after this share of the run's time."""
+    """Return the index of the first log row after a share of the run's duration."""
     return int(np.searchsorted(rows.t, rows.t[0] + (rows.t[-1] - rows.t[0]) * share))
 
 
@@ -232,7 +233,7 @@ OF_SIGNALS: Mapping[str, Callable[[Rows, str], Any]] = {
     "changes": lambda rows, path: (np.diff(rows[path].astype(np.float64), axis=1) != 0).sum(axis=1).astype(np.float64),
 }
 FADING = 0.9
-"""Largest ratio of the oscillation amplitudes in the last and the next-to-last sixth of a run that counts as decay."""
+"""Ratio of the oscillation amplitudes in the last and the next-to-last sixth of a run below which they decay."""
 TIMES = ("settling", "first_reach")
 OF_A_LINE = ("loop.", "link.", "vehicle.")
 """Path prefixes of signals that occur only in the log of a real-time flight over a link."""
@@ -241,7 +242,7 @@ KINDS = (*OF_TARGETS, *OF_SIGNALS, ROBUSTNESS)
 
 @contextmanager
 def name_option(name: str, more: str = "") -> Iterator[None]:
-    """Make error messages name the argument `name` in place of the argument "metrics".
+    """Within a `with` block, make error messages name the argument `name` instead of the argument "metrics".
 
     more: text that follows the metric in the argument, e.g. " <= 10".
     """
@@ -263,14 +264,14 @@ def find_metric(
     units: Mapping[str, str] | None = None,
     duration: int | None = None,
 ) -> Metric:
-    """Return the metric that a text names. Raise InputError if the scenario does not have this metric.
+    """Return the metric with a name, given as text. Raise InputError if the scenario does not have this metric.
 
     Args:
         text: KIND:SIGNAL, robustness:FORMULA, or file.py:function.
         signals: path -> shape of each signal of the scenario, including derived signals such as flight.roll.
         targets: targets of the scenario.
         units: path -> unit of each signal.
-        duration: duration of a run (100 ns). A formula must not look further ahead than this. None: no limit.
+        duration: duration of a run (100 ns). A formula must not need signals after the run. None: no limit.
     """
     written = parse_metric(text)
     kind, name = written
@@ -308,12 +309,12 @@ def find_metric(
 
 
 def _unknown_signal(part: str, kind: str, name: str, signals: Iterable[str]) -> InputError:
-    """Return the error for a signal that a simulated run does not have."""
+    """Return an InputError for a signal that a simulated run does not have."""
     problem, near = f"there is no signal {name!r}", closest(full_path(name), signals, 6) or list(signals)[:6]
     fix = argument("metrics", [f"{kind}:{near[0]}"])
     if name.startswith(OF_A_LINE):
         problem += "; only the log of a flight over a link contains it, not a simulated run"
-        fix = "trimtab fly SCENARIO --link … --out DIR  writes it to its log"
+        fix = "trimtab fly SCENARIO --link … --out DIR  writes this signal to its log"
     elif name.startswith(FLIGHT):
         flown = [path for path in signals if path.startswith(FLIGHT)]
         near = flown or near
@@ -325,7 +326,7 @@ def _unknown_signal(part: str, kind: str, name: str, signals: Iterable[str]) -> 
 def _formula_metric(
     text: str, formula: str, signals: Mapping[str, tuple[int, ...]], units: Mapping[str, str], duration: int | None
 ) -> Metric:
-    """Return the metric for a formula: its robustness at the first row, above 0 if the run satisfies the formula."""
+    """Return the metric of a formula: its robustness at the first log row, above 0 if the run satisfies the formula."""
     fitted = fit_formula(formula, signals, units, full_path)
     if duration is not None:
         check_length(fitted, duration)
@@ -348,7 +349,10 @@ def short_name(path: str) -> str:
 
 
 def function_metric(name: str, function: Callable[[Rows], Any]) -> Metric:
-    """Return the metric for a function. The function's optional attribute `signals` lists the signals that it needs."""
+    """Return the metric of a user's function.
+
+    The optional attribute `signals` of the function lists the signals needed.
+    """
     return Metric(name, tuple(getattr(function, "signals", ("truth",))), function)
 
 

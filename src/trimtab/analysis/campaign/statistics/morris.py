@@ -1,7 +1,8 @@
 """Screening of many factors with few runs, by elementary effects along the trajectories of a Morris design.
 
-An elementary effect is the change of a metric when a trajectory changes one factor, divided by that step. Steps are
-measured in the factor's probability, from its 5 % quantile (0) to its 95 % quantile (1). Over r trajectories
+An elementary effect is the change of a metric when a trajectory changes one factor, divided by the step of the factor.
+The step is measured in the factor's probability, scaled so that 0 is the 5 % quantile and 1 the 95 % quantile. Over r
+trajectories
 
     mu = mean of the effects    mu* = mean of their absolute values    sigma = standard deviation of the effects
 
@@ -40,11 +41,12 @@ TRAJECTORIES_MIN = 4
 
 
 class Morris(NamedTuple):
-    """Elementary effects of each factor. Arrays have shape (factors,), and are NaN if the runs give no effects.
+    """Elementary effects of each factor. Arrays have shape (factors,), and are NaN if the effects cannot be computed.
 
-    factors: names of the factors; if the noise is a factor, it is the last.  mu, mu_star, sigma: in the metric's unit,
-    for a change over the factor's whole range.  *_low, *_high: their intervals.  trajectories: number of
-    trajectories used.  rows: number of runs in these trajectories.  note: reason if the effects are missing, or "".
+    factors: names of the factors. The noise, if it is a factor, is the last.  mu, mu_star, sigma: statistics of the
+    effects in the metric's unit, for a change over the factor's whole range.  *_low, *_high: limits of the confidence
+    intervals.  trajectories: number of trajectories used.  rows: number of runs in these trajectories.  note: reason if
+    the effects are missing, otherwise empty.
     """
 
     factors: tuple[str, ...]
@@ -64,7 +66,7 @@ class Morris(NamedTuple):
 
     @property
     def order(self) -> tuple[str, ...]:
-        """Return the names of the factors, largest mu* first."""
+        """Return the names of the factors, sorted by mu*, the largest first."""
         return tuple(self.factors[i] for i in np.argsort(-self.mu_star, kind="stable"))
 
 
@@ -80,12 +82,13 @@ def morris(
     """Compute elementary effects of a metric over the rows of `morris_rows(seed, 0, rows, len(parameters))`.
 
     Args:
-        values: metric of rows 0 to n - 1, shape (n,). Only whole trajectories are used.
+        values: metric of rows 0 to n - 1, shape (n,). Only complete trajectories are used.
         seed: seed of the design, which determines the factor that changes in each row.
         parameters: names of the parameters, in the order of the design's columns, without the noise.
         noise: True if the random numbers of the runs are a factor of the design.
         level: confidence of the intervals.
-        by_rank: True to use the metric's rank among these rows. Runs without a finite value then rank last.
+        by_rank: True to use the metric's rank among these rows. Runs without a finite value then have the highest
+            ranks.
     """
     check_factors(parameters)
     check_level("morris", level)
@@ -117,18 +120,18 @@ def _elementary_effects(table: Any, seed: int, parameters: int, noise: bool) -> 
 
 
 def _mean_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
-    """Return the mean of each column, and the lower and upper bounds of Student's interval."""
+    """Return the mean of each column, i.e. factor, and the lower and upper bounds of Student's interval."""
     width = stats.t.ppf((1 + level) / 2, len(x) - 1) * x.std(axis=0, ddof=1) / np.sqrt(len(x))
     return x.mean(axis=0), x.mean(axis=0) - width, x.mean(axis=0) + width
 
 
 def _deviation_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
-    """Return the standard deviation of each column, with an interval by a jackknife of the variance's logarithm."""
+    """Return the standard deviation of each column, i.e. factor, with an interval by jackknife of the log variance."""
     n = len(x)
     apart = (x - x.mean(axis=0)) ** 2
     whole = apart.sum(axis=0) / (n - 1)
     without = (apart.sum(axis=0) - apart * n / (n - 1)) / (n - 2)
-    certain = whole <= 1e-20 * np.square(x).mean(axis=0)  # a linear factor: the rest is rounding
+    certain = whole <= 1e-20 * np.square(x).mean(axis=0)  # a linear factor: the scatter is only rounding
     log = np.log(np.where(certain, 1.0, np.maximum(without, 1e-12 * whole)))
     pseudo = n * np.log(np.where(certain, 1.0, whole)) - (n - 1) * log
     _, low, high = _mean_interval(pseudo, level)

@@ -1,13 +1,13 @@
 """Verdict on a campaign's requirement (met, not met or undecided) by a one-sided bound.
 
-A requirement `x <= b @ c` is met if the upper bound of x is at most b, not met if its lower bound is above b, and
-undecided otherwise. Each bound by itself has confidence c. At 95 %, a false "met" occurs in at most 5 % of the
+A requirement `x <= b @ c` is met if the upper confidence bound of x is at most b, not met if the lower bound of x is
+above b, and undecided otherwise. Each bound alone has confidence c. At 95 %, a false "met" occurs in at most 5 % of the
 campaigns of a scenario that violates the requirement, and a false "not met" in at most 5 % of the campaigns of one that
 satisfies it.
 
-Source: the modules of the bounds; one-sided bounds for one-sided questions: Clopper, Pearson, Biometrika 26 (1934).
-If none of n runs exceeds a limit, then with confidence c at least (1 - c)^(1/n) of all possible runs do not exceed it:
-[1] Wilks, "Determination of sample sizes for setting tolerance limits", Ann. Math. Statist. 12 (1941).
+Source: for the bounds, see `intervals`; one-sided bounds for one-sided questions: Clopper, Pearson, Biometrika 26
+(1934). If none of n runs exceeds a limit, then with confidence c at least (1 - c)^(1/n) of all possible runs do not
+exceed it: [1] Wilks, "Determination of sample sizes for setting tolerance limits", Ann. Math. Statist. 12 (1941).
 """
 
 import math
@@ -34,10 +34,10 @@ MET, NOT_MET, UNDECIDED = "met", "not met", "undecided"
 class RequirementVerdict(NamedTuple):
     """Verdict on a requirement.
 
-    outcome: met, not met or undecided.  value: value of the statistic in the runs flown.  low, high: one-sided bounds
-    of the true value, each at the requirement's confidence. For max and min both equal the value, and the verdict
-    covers only the runs flown.  trials: number of runs.  not_finite: number of runs without a finite value, which count
-    as violations.  note: reason for the outcome.
+    outcome: "met", "not met" or "undecided".  value: value of the statistic in the runs flown.  low, high: one-sided
+    bounds of the true value, each at the requirement's confidence. For max and min both bounds equal the value, and the
+    verdict covers only the runs flown.  trials: number of runs.  not_finite: number of runs without a finite value,
+    which count as violations.  note: text with the reason for the outcome.
     """
 
     requirement: Requirement
@@ -60,7 +60,7 @@ class RequirementVerdict(NamedTuple):
 
 
 def least_runs(requirement: Requirement, *, anytime: bool = False) -> int:
-    """Return the minimum number of runs with which a requirement can be met, if every run satisfies it."""
+    """Return the minimum number of runs with which a requirement can be met if every run is within the bound."""
     if requirement.statistic == "success":
         share = requirement.bound if requirement.relation == ">=" else 1 - requirement.bound
     elif requirement.statistic == "quantile":
@@ -105,9 +105,9 @@ def evaluate_requirement(
 
 
 def _one_sided_bounds(requirement: Requirement, x: Any, anytime: bool) -> tuple[float, float, float]:
-    """Return the value of the statistic, and its lower and upper bounds, each one-sided at the requirement's level c.
+    """Return the statistic, with a lower and an upper bound, each one-sided at the confidence c of the requirement.
 
-    They are the ends of the two-sided interval of level 2 c - 1.
+    The bounds are the ends of the two-sided interval with confidence 2 c - 1.
     """
     level = 2 * requirement.level - 1
     if requirement.statistic == "success":
@@ -122,11 +122,11 @@ def _one_sided_bounds(requirement: Requirement, x: Any, anytime: bool) -> tuple[
 
 
 def success_proportion(success: Any, level: float, *, anytime: bool = False) -> Proportion:
-    """Return the share of successes in a column of True and False. Raise InputError for other values."""
+    """Return the share of successes in an array of True and False. Raise InputError for other values."""
     x = as_column(success, "metric 'success'")
     if not np.isin(x, (0.0, 1.0)).all():
-        problem = "each value of the success must be true or false"
-        raise InputError("metric 'success'", problem, fix="give true or false for each run; false for a diverged run")
+        problem = "each value of success must be true or false"
+        raise InputError("metric 'success'", problem, fix="return true or false for each run; false for a diverged run")
     return proportion(int(x.sum()), len(x), level, anytime=anytime)
 
 

@@ -9,7 +9,7 @@ share of the variance that the parameters do not explain.
 Source: [1] Sobol, Math. Comput. Simul. 55 (2001); [2] Saltelli et al., Comput. Phys. Commun. 181 (2010), table 2 (b)
 and (f), as scipy.stats.sobol_indices has them. Intervals: percentiles of a bootstrap over base samples, [3] Archer,
 Saltelli, Sobol, "Sensitivity measures, ANOVA-like techniques and the use of bootstrap", J. Stat. Comput. Simul. 58
-(1997); they treat base samples as independent, so they are rather too wide for a Sobol sequence.
+(1997). These intervals treat base samples as independent, so they are rather too wide for a Sobol sequence.
 """
 
 from collections.abc import Sequence
@@ -30,12 +30,12 @@ BASE_SAMPLES_MIN = 8
 
 
 class Sensitivity(NamedTuple):
-    """Sobol indices of each factor with their intervals. Arrays have shape (factors,); NaN if nothing varies.
+    """Sobol indices of each factor with confidence intervals. Arrays have shape (factors,); NaN if nothing varies.
 
-    factors: names of the factors; if the noise is a factor, it is the last.  first, total: indices S and T.
-    *_low, *_high: interval of each index.  variance: variance of the metric, or of its ranks with `by_rank`.  base:
-    number of base samples used, a power of two.  rows: number of runs for these base samples.  note: reason if the
-    indices are missing, or "".
+    factors: names of the factors. The noise, if it is a factor, is the last.  first, total: indices S and T.
+    *_low, *_high: limits of the interval of each index.  variance: variance of the metric, or of its ranks with
+    `by_rank`.  base: number of base samples used, a power of two.  rows: number of runs for these base samples.  note:
+    reason if the indices are missing, otherwise empty.
     """
 
     factors: tuple[str, ...]
@@ -53,7 +53,7 @@ class Sensitivity(NamedTuple):
 
     @property
     def order(self) -> tuple[str, ...]:
-        """Return the names of the factors, largest total index first."""
+        """Return the names of the factors, sorted by total index, the largest first."""
         return tuple(self.factors[i] for i in np.argsort(-self.total, kind="stable"))
 
 
@@ -63,13 +63,13 @@ def sensitivity(
     """Compute indices of first and total order over the rows of `saltelli(seed, 0, rows, len(parameters))`.
 
     Args:
-        values: metric of rows 0 to n - 1, shape (n,), also True and False. The number of base samples used is
-            the largest power of two for which all rows are given.
+        values: metric of rows 0 to n - 1, shape (n,); True and False are allowed. The number of base samples used is
+            the largest power of two for which all rows are available.
         parameters: names of the parameters, in the order of the design's columns, without the noise.
         noise: True if the random numbers of the runs are a factor of the design.
         level: confidence of the intervals.
-        by_rank: True to use the metric's rank among these rows. Runs without a finite value then rank last, and a few
-            extreme runs do not dominate.
+        by_rank: True to use the metric's rank among these rows. Runs without a finite value then have the highest
+            ranks, and a few extreme runs do not dominate.
     """
     check_factors(parameters)
     check_level("sensitivity", level)
@@ -98,13 +98,16 @@ def sensitivity(
 
 
 def rank_values(x: Any) -> tuple[Any, str]:
-    """Return ranks in (0, 1], and the reason why they cannot be used, or "". Runs without a finite value rank last."""
+    """Return ranks in (0, 1], and the reason why the ranks cannot be used, or "".
+
+    Non-finite values have the highest ranks.
+    """
     ranked = stats.rankdata(np.where(np.isfinite(x), x, np.inf)) / len(x)
     return ranked, explain_no_variance(ranked)
 
 
 def explain_no_variance(x: Any) -> str:
-    """Return the reason why these values have no variance, or ""."""
+    """Return the reason why the variance of these values cannot be computed, or ""."""
     bad = int(np.count_nonzero(~np.isfinite(x)))
     if bad:
         return f"{bad} of {len(x)} runs have no finite value, so the variance is undefined; use ranks, or the success"
@@ -114,7 +117,7 @@ def explain_no_variance(x: Any) -> str:
 
 
 def _bootstrap(a: Any, b: Any, ab: Any, level: float) -> tuple[Any, Any]:
-    """Return percentiles (low, high) of first and total indices, each (2, factors), over resampled base samples."""
+    """Return percentiles (lower, upper) of first and total indices, each (2, factors), over resampled base samples."""
     n, d = len(a), len(ab)
     products = np.concatenate([b * (ab - a), 0.5 * (a - ab) ** 2, [(a + b) / 2, (a * a + b * b) / 2]]).T
     rng, drawn = np.random.default_rng(n), []

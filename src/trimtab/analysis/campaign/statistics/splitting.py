@@ -1,14 +1,14 @@
-"""Probability of a rare failure by generalised splitting, over parameters and noise.
+"""Probability of a rare failure, estimated by generalised splitting over parameters and noise.
 
-A run is a point (z, w). The standard normal numbers z (d,) determine its parameters. Each of the words w (m,) is a seed
-for one part of the noise. The margin g(z, w) is below 0 if the run fails. Levels g1 > g2 > … > gK = 0 approach the
-failure step by step:
+A run is a point (z, w). The standard normal numbers z (d,) determine the parameters of the run. Each of the words w
+(m,), random keys, is the seed of one part of the noise. The margin g(z, w) is below 0 if the run fails. Levels g1 > g2
+> … > gK = 0 approach the failure step by step:
 
     P(g < 0) = P(g < g1) P(g < g2 | g < g1) … P(g < 0 | g < g(K-1))
 
-**Pilot.** A subset simulation. Of `size` points, the tenth with the smallest margins sets the next level. Each of these
-points starts a Markov chain of SPLIT points below that level. All chains together are the next points. The pilot
-determines the levels and the step sizes. Both are fixed afterwards.
+**Pilot.** A subset simulation. The next level is the margin below which a share 1/SPLIT of `size` points lies. Each of
+these points starts a Markov chain of SPLIT points below the new level. All chains together are the points for the next
+level. The pilot determines the levels and the step sizes, which are fixed afterwards.
 
 **Splitting.** Roots are points drawn independently. A point below level k starts a Markov chain of SPLIT points,
 including itself, that all stay below this level. The chain's kernel preserves the distribution below the level. A root
@@ -16,14 +16,15 @@ with c failing descendants gives the estimate
 
     c / SPLIT^(K - 1)
 
-of the failure probability. Its mean is exactly P(g < 0), because levels, chain lengths and kernels do not depend on
-these roots. The estimates of the roots are independent and unbiased. The interval follows from the means of batches of
-roots.
+of the failure probability. The mean of this estimate is exactly P(g < 0), because levels, chain lengths and kernels do
+not depend on these roots. The estimates of the roots are independent and unbiased. The confidence interval is computed
+from the means of batches of roots.
 
-**Kernel.** Parameters take a preconditioned Crank-Nicolson step, z' = sqrt(1 - s^2) z + s xi with xi standard normal.
-Each word is drawn again with probability q. This resamples one part of the noise and leaves the other parts unchanged.
-Half of the steps change parameters and noise, a quarter only parameters, a quarter only noise. A step to a point above
-the level is rejected. Both kinds of change preserve the unconditional distribution, whatever that of the noise is.
+**Kernel** (one step of a chain). Parameters make a preconditioned Crank-Nicolson step, z' = sqrt(1 - s^2) z + s xi with
+xi standard normal. Each word is drawn again with probability q, which resamples one part of the noise and leaves the
+others unchanged. Half of the steps change parameters and noise, a quarter only parameters, a quarter only noise. A step
+to a point above the level is rejected. Both kinds of change preserve the unconditional distribution, whatever that of
+the noise is.
 
 Source: Botev, Kroese, "Efficient Monte Carlo simulation via the generalized splitting method", Statistics and Computing
 22 (2012), algorithm 2.1 and its unbiasedness, pilot by their algorithm 4.1; Au, Beck, "Estimation of small failure
@@ -41,22 +42,23 @@ import numpy as np
 from trimtab.analysis.campaign.statistics.intervals import Mean, mean
 
 SPLIT = 10
-"""Number of points in a chain. A share 1/SPLIT of the pilot's points lies below the next level."""
+"""Number of points in a Markov chain. A share 1/SPLIT of the pilot's points lies below the next level."""
 MOST_LEVELS = 40
 ACCEPTANCE = 0.44
-"""Wanted share of accepted steps. The pilot adapts the step sizes until it is reached."""
+"""Target for the share of accepted steps. The pilot adapts the step sizes until the target is reached."""
 CORRELATION = 3.0
-"""Factor by which correlation within chains increases the variance, seen with linear margins of 1 to 32 dimensions."""
+"""Factor by which correlation in chains increases the variance, observed for linear margins in 1 to 32 dimensions."""
 BOTH, PARAMETERS, NOISE = range(3)
 Margins = Callable[[Any, Any], Any]
-"""Function from normal numbers z (n, d) and noise seeds (n, m) uint32 to the margins (n,) of n runs."""
+"""Function that computes the margins (n,) of n runs from normal numbers z (n, d) and noise seeds (n, m), uint32."""
 
 
 class ChainStates(NamedTuple):
     """States of n Markov chains.
 
-    z: standard normal numbers of the parameters (n, d).  words: seeds of the noise (n, m), uint32.  margin: (n,).
-    root: index of the root of each state (n,).
+    z: standard normal numbers of the parameters (n, d).  words: seeds of the noise (n, m), uint32.  margin: margins
+    (n,).
+    root: index of the root from which each state descends (n,).
     """
 
     z: Any
@@ -70,11 +72,11 @@ class ChainStates(NamedTuple):
 
 
 class Ladder(NamedTuple):
-    """Result of the pilot. levels: margins (K,), decreasing, the last one 0.
+    """Result of the pilot. levels: decreasing margins (K,), of which the last is 0.
 
-    steps: step size s of each parameter below each level (K - 1, d).  refresh: probability q of redrawing a seed of the
-    noise below each level (K - 1,).  estimate: biased failure probability from the pilot alone.  flown: number of the
-    pilot's runs.
+    steps: step size s of each parameter below each level (K - 1, d).  refresh: probability q of drawing a noise
+    seed again below each level (K - 1,).  estimate: failure probability from the pilot alone, which is biased.  flown:
+    number of pilot runs.
     """
 
     levels: Any
@@ -85,15 +87,18 @@ class Ladder(NamedTuple):
 
     @property
     def roots_cost(self) -> float:
-        """Return the expected number of runs for one root and its chains."""
+        """Return the expected number of runs for one root and the chains that descend from it."""
         return 1 + (len(self.levels) - 1) * (SPLIT - 1) / SPLIT
 
 
 class Stalled(Exception):
-    """Error if the pilot makes no progress. level: margin at which its points stay.  flown: number of runs so far."""
+    """Error if the pilot makes no progress. level: margin at which the pilot's points stay.
+
+    flown: number of runs flown.
+    """
 
     def __init__(self, level: float, flown: int) -> None:
-        super().__init__(f"margins stay at {level:.6g}")
+        super().__init__(f"the margins stay at {level:.6g}")
         self.level, self.flown = level, flown
 
 
@@ -110,7 +115,7 @@ def draw_roots(margins: Margins, rng: np.random.Generator, n: int, d: int, m: in
 def take_step(
     margins: Margins, rng: np.random.Generator, at: ChainStates, level: float, steps: Any, refresh: float
 ) -> tuple[ChainStates, Any, Any]:
-    """Make one step of each chain, which stays below a level.
+    """Make one step of each chain. Steps to points above the level are rejected.
 
     Return the new states, the kind of each step, and True for each accepted step.
     """
@@ -141,14 +146,17 @@ def _join(parts: list[ChainStates]) -> ChainStates:
 class _Pace:
     """Step sizes of the kernel, adapted until the share of accepted steps is ACCEPTANCE.
 
-    s: step size of a parameter, in standard deviations.  q: probability of redrawing a word.
+    s: step size of a parameter, in standard deviations.  q: probability of drawing a noise seed again.
     """
 
     def __init__(self) -> None:
         self.s, self.q = 0.6, 0.3
 
     def adapt(self, kinds: Any, taken: Any, times: int) -> None:
-        """Adapt the step sizes after step number `times` of a level: larger if more were accepted than wanted."""
+        """Adapt the step sizes after step number `times` of a level.
+
+        They grow if the share of accepted steps is above ACCEPTANCE.
+        """
         for kind in (PARAMETERS, NOISE):
             if (kinds == kind).any():
                 change = math.exp(2 * (float(taken[kinds == kind].mean()) - ACCEPTANCE) / math.sqrt(times))
@@ -159,7 +167,7 @@ class _Pace:
 
 
 def set_ladder(margins: Margins, rng: np.random.Generator, size: int, d: int, m: int) -> Ladder:
-    """Run the pilot, with `size` points for each level, and return levels and step sizes. Raises: Stalled."""
+    """Run the pilot with `size` points for each level. Return levels and step sizes. Raises: Stalled."""
     points, pace = draw_roots(margins, rng, size, d, m), _Pace()
     levels: list[float] = []
     steps: list[Any] = []
@@ -202,7 +210,7 @@ class Descent(NamedTuple):
 
 
 def descend(margins: Margins, rng: np.random.Generator, ladder: Ladder, n: int, d: int, m: int) -> Descent:
-    """Fly n roots, and start chains from the points below each level of a fixed ladder."""
+    """Fly n roots, and start chains from the points below each level of a ladder, the fixed result of the pilot."""
     points, flown = draw_roots(margins, rng, n, d, m), n
     survivors, accepted = np.zeros(len(ladder.levels), np.int64), np.zeros(len(ladder.levels) - 1)
     for k, level in enumerate(ladder.levels):
@@ -222,7 +230,7 @@ def descend(margins: Margins, rng: np.random.Generator, ladder: Ladder, n: int, 
 
 
 def probability(sums: Any, roots: int, ladder: Ladder, level: float = 0.95) -> Mean:
-    """Return the failure probability and its interval.
+    """Return the failure probability and its confidence interval.
 
     sums: number of failing descendants in each batch. roots: number of roots in a batch.
     """
@@ -233,7 +241,7 @@ def probability(sums: Any, roots: int, ladder: Ladder, level: float = 0.95) -> M
 def expected_width(ladder: Ladder, roots: int) -> float:
     """Return the approximate half-width of the interval for a number of roots, as a fraction of the probability.
 
-    The relative variance of the share p of points below a level is taken as CORRELATION (1 - p)/(p n).
+    The relative variance of the share p of points below a level is assumed to be CORRELATION (1 - p)/(p n).
     """
     own = (SPLIT - 1) * CORRELATION * (len(ladder.levels) - 1)
     return 2 * math.sqrt((own + SPLIT - 1) / roots)

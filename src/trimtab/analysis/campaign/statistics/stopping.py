@@ -1,16 +1,17 @@
-"""Rule that stops a campaign as soon as an interval is narrow enough: `width(success) <= 0.004 @ 95%`.
+"""Rule that stops a campaign as soon as a confidence interval is narrow enough: `width(success) <= 0.004 @ 95%`.
 
-The rule is evaluated after each block, over runs 0 to n - 1 in order, without gaps. Runs that happen to finish early
-are not used out of order, because failing runs often finish early. Stopping on an observed width reduces the coverage.
+The rule is evaluated after each block of runs, over runs 0 to n - 1 in order, without gaps. Runs that finish early are
+not used out of order, because failing runs often finish early. Stopping on an observed width reduces the coverage.
 The usual 95 % interval then covers some probabilities in only 93.4 % of campaigns, and the usual band of a quantile in
 far fewer. Therefore
 
-- a probability gets the interval of Clopper and Pearson with its tail probabilities multiplied by 0.6. By exact
-  calculation its confidence is at least `level` for every probability, if only this rule stops the campaign;
-- a quantile gets the band that is valid at all numbers of runs together (`anytime` in `intervals`), because the
+- for a probability, the interval of Clopper and Pearson is used with tail probabilities multiplied by 0.6. By exact
+  calculation, the confidence of this interval is at least `level` for every probability if only this rule stops the
+  campaign;
+- for a quantile, the band that is valid at all numbers of runs together is used (`anytime` in `intervals`), because the
   coverage of any other band would depend on the metric's unknown distribution.
 
-docs/campaign/metrics.md has the numbers.
+docs/campaign/metrics.md contains the calculated coverages.
 
 Source: [1] Frey, "Fixed-width sequential confidence intervals for a proportion", American Statistician 64 (2010), for
 tail probabilities reduced until an exact calculation shows the coverage. The factor 0.6 is this package's own result.
@@ -27,15 +28,15 @@ from trimtab.analysis.campaign.statistics.intervals import quantile
 from trimtab.analysis.campaign.statistics.requirement import success_proportion
 
 TAILS = 0.6
-"""Factor on the tail probabilities of a probability's interval, to allow for a campaign that stops early."""
+"""Factor on the tail probabilities of a success probability's interval, to allow for a campaign that stops early."""
 
 
 class StoppingState(NamedTuple):
     """Progress of a stopping rule. is_met: True if the campaign may stop.
 
-    value, low, high: statistic and its interval in the runs so far.  trials: number of runs so far.
-    expected_runs: estimated total number of runs, or inf if unknown. The width is assumed to shrink with the square
-    root of the number of runs.
+    value, low, high: statistic of the runs flown, and its interval.  trials: number of runs flown.
+    expected_runs: estimated total number of runs, or inf if unknown. The width of the interval is assumed to be
+    inversely proportional to the square root of the number of runs.
     """
 
     is_met: bool

@@ -1,9 +1,10 @@
-"""Cache of a search's flights on disk, with which the same search resumes after it was stopped.
+"""Cache of a search's flights on disk, from which the same search resumes after a stop.
 
-A search is reproducible: its points follow from its seed and from earlier flights. Each block of flights is stored
-under a SHA-256 key of its origin (plan, scenario, this package, the user's scenario file) and of its points. After a
-restart, the search requests the same points and reads the stored blocks. Blocks in an unreadable file are flown again.
-Changes in modules that the user's scenario file imports are not detected, so use a new folder after such changes.
+A search is reproducible, because its points depend only on its seed and on earlier flights. Each block of flights is
+stored under a SHA-256 key of the block's origin (plan, scenario, this package, the user's scenario file) and points.
+After a restart, the search requests the same points and reads the stored blocks. Blocks in an unreadable file are flown
+again. Changes in modules that the user's scenario file imports are not detected, so use a new folder after such
+changes.
 """
 
 import hashlib
@@ -28,8 +29,8 @@ class FlightMemo:
     """Cache of flights in a folder, with one file for each block of flights.
 
     Args:
-        folder: the folder, created if missing. None: nothing is stored.
-        about: origin of the flights, as a part of each key: digests of campaign and scenario, backend, versions.
+        folder: folder of the cache, created if missing. None: nothing is stored.
+        about: origin of the flights: digests of campaign and scenario, backend, versions. It is part of each key.
         scenario: name of the scenario. If it names a Python file, the text of this file is part of each key, too.
     """
 
@@ -49,7 +50,7 @@ class FlightMemo:
                 ) from None
 
     def recall(self, asked: Iterable[Any], fly: Callable[[], Columns]) -> Columns:
-        """Return the columns for a block of flights: stored columns if available, otherwise the result of `fly`.
+        """Return the results of a block of flights: stored results if available, otherwise those of `fly`.
 
         asked: arrays that identify the block.
         """

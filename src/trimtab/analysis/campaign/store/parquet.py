@@ -1,4 +1,4 @@
-"""Export of the rows of a campaign to a Parquet file, together with the campaign's plan.
+"""Export of a campaign's results, one row for each run, to a Parquet file, together with the campaign's plan.
 
 Source: Apache Parquet, file format, key-value metadata; Apache Arrow, format, schemas.
 """
@@ -19,7 +19,7 @@ ABOUT = b"trimtab"
 
 
 def write_parquet(result: CampaignResult, file: str | Path) -> Path:
-    """Write the rows of a campaign to a Parquet file, with its plan, version, backend and class of machine."""
+    """Write a campaign's results to a Parquet file, together with plan, version, backend and class of machine."""
     return write_columns(result.columns, {"identity": result.identity, "plan": result.plan.as_dict()}, file)
 
 

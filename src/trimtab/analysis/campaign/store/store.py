@@ -1,9 +1,10 @@
-"""Rows of a campaign, in memory or on disk as a Zarr group: one array for each column, and `done` for finished rows.
+"""Rows (results of runs) of a campaign, in memory or on disk as a Zarr group. The group has one array for each column,
+and an array `done` that marks finished rows.
 
-`done` of a block is written after the block's columns have reached the disk. Each chunk is written under a temporary
-name and then renamed. A row is therefore either finished or not, even if the process is killed. The same campaign flies
-the missing rows when it is started again. Chunks have a checksum. A block with a damaged or missing chunk is flown
-again.
+For a block of rows, `done` is written after the block's columns have reached the disk. Each chunk is written under a
+temporary name and then renamed. A row is therefore either finished or not, even if the process is killed. When the same
+campaign is started again, it flies the missing rows. Chunks have a checksum. A block with a damaged or missing chunk is
+flown again.
 """
 
 import contextlib
@@ -30,25 +31,28 @@ LONGEST_KEY = 160
 
 
 class MemoryStore:
-    """Store of a campaign's rows in memory, with the interface of `CampaignStore`. It ends with the process."""
+    """Store of a campaign's rows in memory, with the interface of `CampaignStore`.
+
+    The rows are lost when the process ends.
+    """
 
     def __init__(self, runs: int) -> None:
         self._runs, self._finished_rows = runs, np.zeros(runs, bool)
         self._columns: dict[str, Any] = {}
 
     def finished_rows(self) -> Any:
-        """Return True for each finished row (runs,)."""
+        """Return an array (runs,) that is True for each finished run."""
         return self._finished_rows.copy()
 
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
-        """Store the rows of a block, from row number `first` on."""
+        """Store the rows of a block of runs. first: number of the first run."""
         for name, column in columns.items():
             rows = self._columns.setdefault(name, np.zeros(self._runs, np.asarray(column).dtype))
             rows[first : first + len(column)] = column
         self._finished_rows[first : first + len(columns["success"])] = True
 
     def read(self) -> dict[str, Any]:
-        """Return the columns of the finished rows by name, with their run numbers as the column `run`."""
+        """Return the columns of the finished rows by name. The column `run` contains the run numbers."""
         done = self._finished_rows
         return {"run": np.flatnonzero(done), **{name: rows[done] for name, rows in self._columns.items()}}
 
@@ -56,14 +60,14 @@ class MemoryStore:
 def array_key(name: str) -> str:
     """Return the name of a column's array in the store.
 
-    It has no slashes, which would create groups, and a limited length.
+    The name has no slashes, which would create groups, and a limited length.
     """
     key = name.replace("/", "|")
     return key if len(key.encode()) <= LONGEST_KEY else f"{key[:80]}-{hashlib.sha256(name.encode()).hexdigest()[:16]}"
 
 
 def has_store(folder: Path) -> bool:
-    """Return True if the folder contains a store. Incomplete files of a process killed before are not a store.
+    """Return True if the folder contains a store. Incomplete files of a killed process are not a store.
 
     Raises: InputError if the folder contains other files.
     """
@@ -95,7 +99,7 @@ def sync_descriptions(folder: Path) -> None:
 
 
 def sync_files(files: Iterable[Path]) -> None:
-    """Flush files and their names to the disk, several at a time."""
+    """Flush files and their directory entries to the disk, several at a time."""
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(_sync_file, files))
 
@@ -110,7 +114,10 @@ def _sync_file(file: Path) -> None:
 
 
 class CampaignStore:
-    """Open store of a campaign. One process can write at a time. Close the store, or use it in a `with`."""
+    """Open store of a campaign. Only one process at a time can write.
+
+    Close the store after use, or use it in a `with` block.
+    """
 
     def __init__(self, folder: Path, group: Any, lock: Any) -> None:
         self.folder, self._group, self._lock = folder, group, lock
@@ -134,7 +141,7 @@ class CampaignStore:
         return dict(self._group.attrs)
 
     def finished_rows(self) -> Any:
-        """Return True for each finished row (runs,)."""
+        """Return an array (runs,) that is True for each finished run."""
         return np.asarray(self._arrays[DONE][:])
 
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
@@ -157,7 +164,7 @@ class CampaignStore:
             raise InputError(f"store {str(self.folder)!r}", problem, fix=fix) from None
 
     def read(self) -> dict[str, Any]:
-        """Return the columns of the finished rows by name, with their run numbers as the column `run`."""
+        """Return the columns of the finished rows by name. The column `run` contains the run numbers."""
         try:
             done = self.finished_rows()
             columns = {n: np.asarray(a[: len(done)])[done] for n, a in self._arrays.items() if n != DONE}
@@ -181,7 +188,7 @@ class CampaignStore:
                     self._chunk_path(name, k).unlink(missing_ok=True)
 
     def _damaged_chunks(self, name: str, needed: set[int]) -> set[int]:
-        """Return the numbers of the chunks of a column that are unreadable, or needed but missing."""
+        """Return the numbers of those chunks of a column that are unreadable, or that are needed but missing."""
         there = {int(f.name) for f in self._chunk_path(name, 0).parent.glob("*")}
         if self._is_readable(name, slice(None)):
             return needed - there
@@ -196,7 +203,7 @@ class CampaignStore:
         return True
 
     def _chunk_bounds(self) -> list[tuple[int, int]]:
-        """Return first row and last row + 1 of each chunk."""
+        """Return first row and last row + 1 of each chunk of rows."""
         runs = self._arrays[DONE].shape[0]
         return [(first, min(first + self._block, runs)) for first in range(0, runs, self._block)]
 
@@ -207,12 +214,12 @@ class CampaignStore:
 def open_store(
     folder: Path, about: Mapping[str, Any], columns: Mapping[str, Any], runs: int, block: int
 ) -> CampaignStore:
-    """Open the store of a campaign, or create it. Enlarge the store if more runs are requested.
+    """Open or create the store of a campaign. Enlarge the store if more runs are requested.
 
     Args:
         folder: folder of the store, e.g. mass.zarr.
-        about: attributes of the store. `identity` must equal that of an existing store.
-        columns: column name -> array with the type of the column.
+        about: attributes of the store. The attribute `identity` must equal that of an existing store.
+        columns: column name -> array with the data type of the column.
         runs: total number of runs.
         block: number of rows in a chunk of a new store.
     """
@@ -242,7 +249,7 @@ def open_store(
     except BaseException as error:
         os.close(lock)
         if isinstance(error, json.JSONDecodeError | KeyError):
-            problem = f"a description in it is damaged: {error}"
+            problem = f"a description in the store is damaged: {error}"
             raise InputError(part, problem, fix=f"name another store: {argument('store', 'OTHER.zarr')}") from None
         if isinstance(error, OSError):
             fix = f"free disk space, or name another store: {argument('store', 'NAME.zarr')}"
@@ -251,7 +258,7 @@ def open_store(
 
 
 def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return attributes and columns of an existing store. A campaign may be writing to it at the same time."""
+    """Return attributes and columns of an existing store. A campaign may write to the store at the same time."""
     zarr = _import_zarr()
     if not (folder / "zarr.json").exists():
         fix = "trimtab campaign SCENARIO --store NAME.zarr"
@@ -268,7 +275,10 @@ def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def estimate_store_size(folder: Path, runs: int) -> int | None:
-    """Estimate the size (bytes) of a store with `runs` runs from its finished blocks. None if it has none yet."""
+    """Estimate the size (bytes) of a store with `runs` runs from the finished blocks.
+
+    Return None without a finished block.
+    """
     arrays, finished = _finished_chunks(folder, runs)
     with contextlib.suppress(OSError):
         kept = sum((array / "c" / k).stat().st_size for array in arrays for k in finished)
@@ -278,12 +288,12 @@ def estimate_store_size(folder: Path, runs: int) -> int | None:
 
 
 def count_missing_rows(folder: Path, runs: int) -> int:
-    """Return the number of rows that are missing in a store. The store need not exist."""
+    """Return the number of rows that are missing in a store, which need not exist."""
     return runs - sum(_finished_chunks(folder, runs)[1].values())
 
 
 def _finished_chunks(folder: Path, runs: int) -> tuple[list[Path], dict[str, int]]:
-    """Return the folders of the arrays, and the number of rows in each finished chunk, by the chunk's name."""
+    """Return the folders of the arrays, and name of each finished chunk -> number of rows in the chunk."""
     with contextlib.suppress(OSError, ValueError, KeyError):
         about = json.loads((folder / "zarr.json").read_text())["attributes"]
         block, arrays = int(about["block"]), [folder / array_key(name) for name in [*about["columns"], DONE]]
@@ -300,7 +310,7 @@ def read_block_length(folder: Path) -> int | None:
 
 
 def missing_blocks(done: Any, runs: int, block: int) -> Iterator[tuple[int, int]]:
-    """Yield first row and last row + 1 of each block with a missing row."""
+    """Yield first row and last row + 1 of each block in which a row is missing."""
     for first in range(0, runs, block):
         last = min(first + block, runs)
         if not done[first:last].all():
@@ -308,7 +318,7 @@ def missing_blocks(done: Any, runs: int, block: int) -> Iterator[tuple[int, int]
 
 
 def _acquire_lock(folder: Path, part: str) -> int:
-    """Acquire the lock of a store. The lock ends with this process at the latest."""
+    """Acquire the lock of a store. The lock is released when this process ends, or earlier."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
@@ -325,7 +335,7 @@ def _acquire_lock(folder: Path, part: str) -> int:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         os.close(lock)
-        fix = f"wait until it ends, or use another store: {argument('store', 'OTHER.zarr')}"
+        fix = f"wait until that campaign ends, or use another store: {argument('store', 'OTHER.zarr')}"
         raise InputError(part, "another campaign is writing to it", fix=fix) from None
     return lock
 
@@ -339,7 +349,7 @@ def _check_identity(part: str, there: Mapping[str, Any], here: Mapping[str, Any]
         raise InputError(part, "contains no campaign", fix=f"name another store: {argument('store', 'NAME.zarr')}")
     apart = [name for name in now if was.get(name) != now[name]]
     differences = ", ".join(f"{name} (stored {was.get(name)}, now {now[name]})" for name in apart)
-    fix = "the store's attribute `command` has the command that made it; or use another store: "
+    fix = "the store's attribute `command` contains the command that made the store; or use another store: "
     fix += argument("store", "OTHER.zarr")
     raise InputError(part, f"contains rows of another campaign; different: {differences}", fix=fix)
 

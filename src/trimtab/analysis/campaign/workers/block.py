@@ -1,4 +1,4 @@
-"""Simulation of many runs of a campaign or a search together, and computation of their metrics.
+"""Simulation of many runs of a campaign or a search together, and computation of the metrics of these runs.
 
 A function of type `Workers` flies the blocks of a campaign, in this process (module `local`) or on other machines
 (module `cluster`).
@@ -37,18 +37,18 @@ from trimtab.run.simulate import Batch, simulate, simulate_batch
 from trimtab.run.walk_structure import lower_structure, walk_structure
 
 JUDGED_ROWS = 48_000
-"""Number of log rows from which metrics are computed at a time. They fit into the processor's cache."""
+"""Number of log rows from which metrics are computed at a time, so that the rows fit into the processor's cache."""
 Blocks = list[tuple[int, int]]
 BlockResults = Generator[tuple[int, dict[str, Any]], None, None]
 Workers = Callable[[PreparedCampaign, Blocks, str], BlockResults]
 """Function that flies blocks of runs, given as (first run, last run + 1), on the backend "c" or "jax".
 
-It yields the first run and the columns of each block, in any order.
+The function yields the first run and the results of each block, in any order.
 """
 
 
 class WorkersLost(Exception):
-    """Error if all workers of a cluster are lost. The campaign turns it into an InputError with `part` and `fix`."""
+    """Error raised if all workers of a cluster are lost. The campaign turns it into an InputError."""
 
     def __init__(self, part: str, problem: str, fix: str) -> None:
         super().__init__(problem)
@@ -73,9 +73,9 @@ def batch_rows(scenario: Scenario, batch: Batch) -> Rows:
 
 
 def compute_metrics(ready: PreparedCampaign, rows: Rows) -> dict[str, Any]:
-    """Compute the metrics of n runs, their success, and if they diverged ("lost"): name -> values (n,).
+    """Compute the results of n runs by name, each (n,): metrics, `success`, and `lost` (True if the run diverged).
 
-    rows.final must contain the last values of the whole truth.
+    rows.final must contain the last values of all true states.
     """
     n = len(next(iter(rows.final.values())))
     metrics: dict[str, Any] = {m.name: np.empty(n) for m in ready.metrics}
@@ -106,9 +106,9 @@ def compute_log_metrics(ready: PreparedCampaign, log: Log) -> dict[str, Any]:
 
 
 def repeat_run(ready: PreparedCampaign, scenario: Scenario, backend: str, run: int = 0) -> dict[str, Any]:
-    """Fly one run by itself, and return its metrics, `success` and `lost` (True if it diverged).
+    """Fly one run alone, and return its metrics, `success` and `lost` (True if the run diverged).
 
-    run: number of the run, which selects its random numbers.
+    run: number of the run, which selects the random numbers.
     """
     period, signals = ready.plan.log_period, ready.logged_signals
     log = simulate(scenario, seed=ready.plan.seed, run=run, log_period=period, signals=signals, backend=backend)
@@ -116,7 +116,7 @@ def repeat_run(ready: PreparedCampaign, scenario: Scenario, backend: str, run: i
 
 
 def open_memo(folder: Path | None, ready: PreparedCampaign, backend: str) -> FlightMemo:
-    """Return the cache of a search's flights. folder: folder of the cache; None: nothing is stored."""
+    """Return the cache of a search's flights. folder: folder of the cache, or None to store nothing."""
     return FlightMemo(folder, identity(ready.plan, ready.scenario, backend), ready.plan.scenario)
 
 
@@ -151,10 +151,10 @@ def fly_points(
     Args:
         ready: the prepared campaign or search.
         u: probabilities (n, d) at which the quantiles of the d varied parameters are taken.
-        words: number that selects the random numbers of each run (n,).
+        words: random key (n,) that selects the random numbers of each run.
         progress: function called with the number of runs flown since the last call.
         memo: cache of earlier flights.
-        options: backend, threads, as in `simulate_batch`.
+        options: backend and threads, as in `simulate_batch`.
     """
     parts: list[dict[str, Any]] = []
     for first in range(0, len(words), max(ready.block, 1)):
@@ -195,9 +195,9 @@ def _fly_values(
 
 
 def uses_c(ready: PreparedCampaign, backend: str) -> bool:
-    """Return True if the runs fly on backend C.
+    """Return True if the runs are simulated by compiled C code (backend "c").
 
-    They do on request, or with "auto" if a C compiler is found and the loop can be written in C.
+    This is the case on request, or with "auto" if a C compiler is found and the loop can be written in C.
     """
 
     def lower() -> WalkProgram:
@@ -211,7 +211,7 @@ def uses_c(ready: PreparedCampaign, backend: str) -> bool:
 
 
 def _group_by_program(values: Mapping[str, Any], options: list[str], n: int) -> list[tuple[dict[str, int], Any]]:
-    """Group the runs of a block by the values of their options. Each combination of values needs its own program.
+    """Group the runs of a block by the values of the varied options. Each combination of values needs its own program.
 
     Return for each group the value of each option, and the indices of its runs in the block.
     """

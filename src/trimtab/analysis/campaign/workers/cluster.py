@@ -1,7 +1,8 @@
 """Campaigns on several machines: workers of dask.distributed fly the blocks, over TLS with certificates on both ends.
 
-A worker receives the name of a function of trimtab and plain data: the plan and two run numbers. It builds the scenario
-itself. It reports an error if its rows would not be bit-equal to those of the machine that runs the campaign.
+A worker receives the name of a function of trimtab and plain data: the plan and two run numbers. The worker builds the
+scenario itself. It reports an error if its results would not be bit-equal to those of the machine that runs the
+campaign.
 
 Source: docs page, A campaign on several machines; Rescorla, "The transport layer security (TLS) protocol version 1.3",
 RFC 8446.
@@ -35,16 +36,16 @@ CONNECT_TIMEOUT = 10.0
 REPLY_TIMEOUT = 15.0
 """Interval at which the scheduler is queried, and time limit for its replies (s)."""
 WORKER_TIMEOUT = 60.0
-"""Longest time for which a campaign waits for a worker, at the start or after all workers are lost (s)."""
-RESUME_HINT = "start the same command again; it resumes there"
+"""Longest time (s) for which a campaign waits for a worker, at the start or after all workers are lost."""
+RESUME_HINT = "start the same command again, which resumes there"
 ADDRESS_PATTERN = re.compile(r"(\w+)://(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
 _one_prepares = threading.Lock()
 
 
 def machine_identity(ready: PreparedCampaign, backend: str) -> dict[str, str]:
-    """Return the properties of this machine and campaign that must be equal on two machines that share a campaign.
+    """Return properties of this machine and of a campaign that must be equal on all machines that fly the campaign.
 
-    If they are equal, both machines compute equal rows.
+    If the properties are equal, the machines compute equal results.
     """
     packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy", "scipy"))
     return {**identity(ready.plan, ready.scenario, backend), "packages": packages, "code": _source_digest()}
@@ -61,21 +62,24 @@ def _source_digest() -> str:
 
 @functools.lru_cache(maxsize=1)
 def _prepare_cached(text: str, backend: str) -> tuple[PreparedCampaign, dict[str, str]]:
-    """Prepare a plan, and return it with this machine's identity. Only the last plan is cached."""
+    """Prepare the campaign of a plan. Return the prepared campaign and this machine's identity.
+
+    Only the last is cached.
+    """
     ready = prepare_campaign(plan_from_dict(json.loads(text)))
     can = "c" if backend == "c" and uses_c(ready, "auto") else "jax"
     return ready, machine_identity(ready, can)
 
 
 def fly_rows(plain: Mapping[str, Any], asker: Mapping[str, str], first: int, last: int) -> dict[str, Any]:
-    """Fly runs first … last - 1 on a worker, and return the columns by name (n,).
+    """Fly runs first … last - 1 on a worker, and return the results (n,) by name.
 
     Args:
         plain: plan of the campaign as JSON-compatible data.
         asker: identity of the machine that runs the campaign, from `machine_identity`.
         first, last: first run, and last run + 1.
 
-    Raises: InputError if the rows computed on this machine would differ.
+    Raises: InputError if the results computed on this machine would differ.
     """
     address, threads = _this_worker()
     try:
@@ -86,7 +90,7 @@ def fly_rows(plain: Mapping[str, Any], asker: Mapping[str, str], first: int, las
         raise InputError(part, error.problem, choices=error.choices, fix=error.fix) from None
     apart = [name for name in asker if here.get(name) != asker[name]]
     if apart:
-        shown = "; ".join(f"{name}: {here.get(name)} there, {asker[name]} here" for name in apart)
+        shown = "; ".join(f"{name} is {here.get(name)} there and {asker[name]} here" for name in apart)
         same = "install the same trimtab, packages and files on the worker's machine, and restart the worker"
         fix = "install a C compiler on the worker's machine" if apart == ["backend"] else same
         raise InputError(f"worker {address}", f"would compute different rows: {shown}", fix=fix)
@@ -94,7 +98,7 @@ def fly_rows(plain: Mapping[str, Any], asker: Mapping[str, str], first: int, las
 
 
 def _this_worker() -> tuple[str, int]:
-    """Return the worker's address, as the scheduler knows it, and the number of threads that it may use."""
+    """Return this worker's address, as known to the scheduler, and the number of threads that the worker may use."""
     from distributed import get_worker
 
     try:
@@ -105,7 +109,7 @@ def _this_worker() -> tuple[str, int]:
 
 
 class SchedulerAddress(NamedTuple):
-    """Address of the scheduler. files: this machine's CA certificate, certificate and key; None for plain TCP."""
+    """Address of the scheduler. files: CA certificate, certificate and key of this machine, or None for plain TCP."""
 
     uri: str
     host: str
@@ -114,14 +118,16 @@ class SchedulerAddress(NamedTuple):
 
 
 def parse_address(uri: str, files: dict[str, str]) -> SchedulerAddress:
-    """Read the address of a scheduler. Raise InputError if it is invalid, or if it is plain TCP to another machine.
+    """Parse the address of a scheduler. Raise InputError if the address is invalid, or is plain TCP to another machine.
 
-    files: names of this machine's TLS files, by the name of their argument.
+    files: name of the argument -> name of this machine's TLS file.
     """
     match = ADDRESS_PATTERN.fullmatch(uri.strip())
     if not match or match[1] not in ("tls", "tcp") or not 0 < int(match[3]) < 2**16:
         raise InputError(
-            argument_name("cluster"), f"{uri!r} must be tls://HOST:PORT", fix=argument("cluster", "tls://10.0.0.1:8786")
+            argument_name("cluster"),
+            f"must be tls://HOST:PORT, got {uri!r}",
+            fix=argument("cluster", "tls://10.0.0.1:8786"),
         )
     host, port = match[2].strip("[]"), int(match[3])
     tls, flags = (
@@ -155,7 +161,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def _tls_context(place: SchedulerAddress) -> ssl.SSLContext:
-    """Create the TLS context for a connection. Raise InputError if the files are unusable or do not match."""
+    """Create the TLS context of a connection. Raise InputError if the files are unusable or do not match."""
     ca, cert, key = place.files or ("", "", "")
     try:
         context = ssl.create_default_context(ssl.Purpose.SERVER_AUTH, cafile=ca)
@@ -166,7 +172,7 @@ def _tls_context(place: SchedulerAddress) -> ssl.SSLContext:
         raise InputError(
             f"{argument_name('tls_ca')}, {argument_name('tls_cert')}, {argument_name('tls_key')}",
             problem,
-            fix="see the docs page, certificates",
+            fix="see the section on certificates in the docs page",
         ) from None
     return context
 
@@ -200,10 +206,10 @@ def check_scheduler(place: SchedulerAddress) -> None:
 
 
 def cluster_workers(uri: str, *, ca: str | Path = "", cert: str | Path = "", key: str | Path = "") -> Workers:
-    """Return workers on a cluster, for `Campaign.run`.
+    """Return a function that flies blocks of runs on a cluster, for the argument `workers` of `Campaign.run`.
 
     Args:
-        uri: address of the scheduler, e.g. tls://10.0.0.1:8786. tcp:// is allowed only within one machine.
+        uri: address of the scheduler, e.g. tls://10.0.0.1:8786. A tcp:// address is allowed only within one machine.
         ca: PEM file of the CA that signed all certificates.
         cert, key: PEM files of this machine's certificate and of its private key.
 
@@ -223,7 +229,7 @@ def cluster_workers(uri: str, *, ca: str | Path = "", cert: str | Path = "", key
 
 @contextlib.contextmanager
 def _open_client(place: SchedulerAddress) -> Iterator[Any]:
-    """Open a client of the scheduler, and close it at the end."""
+    """Open a client of the scheduler, and close the client at the end of the `with` block."""
     from dask.config import set as configured
     from distributed import Client, Security
 
@@ -250,7 +256,7 @@ def _open_client(place: SchedulerAddress) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _mute_distributed() -> Iterator[None]:
-    """Suppress the long log messages of distributed about a lost connection. The campaign reports it in one line."""
+    """Suppress the long log messages of distributed about a lost connection, which the campaign reports in one line."""
     known = map(logging.getLogger, list(logging.root.manager.loggerDict))
     before = [(log, log.level) for log in known if log.name.partition(".")[0] == "distributed"]
     for log, _ in before:
@@ -283,17 +289,17 @@ class _ClusterWatch:
             return
         try:
             cores = self._client.sync(self._client.scheduler.ncores, callback_timeout=REPLY_TIMEOUT)
-        except Exception as error:  # any error of a broken connection
+        except Exception as error:  # a broken connection can raise any error
             raise self.silent_scheduler(error) from None
         self._asked, self.threads = time.monotonic(), sum(cores.values())
         if self.threads:
             self._seen = self._asked
         elif self._asked - self._seen > WORKER_TIMEOUT:
-            problem = f"the scheduler had no worker for {WORKER_TIMEOUT:g} s"
+            problem = f"the scheduler has had no worker for {WORKER_TIMEOUT:g} s"
             raise WorkersLost(self._part, problem, f"start workers:  dask worker …, then {RESUME_HINT}")
 
     def silent_scheduler(self, error: Exception) -> WorkersLost:
-        """Return the error for a scheduler that does not answer."""
+        """Return the error to raise if the scheduler does not answer."""
         problem = f"the scheduler does not answer ({type(error).__name__})"
         return WorkersLost(self._part, problem, f"check the scheduler, then {RESUME_HINT}")
 
@@ -328,7 +334,7 @@ def _fly_blocks(
 
 
 def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) -> Any:
-    """Return the columns of a block, or None if they did not arrive in time. Raise an error if the block failed."""
+    """Return the results of a block, or None if they did not arrive in time. Raise an error if the block failed."""
     from distributed import KilledWorker
 
     runs = f"runs {block[0]} to {block[1] - 1}"
@@ -338,10 +344,10 @@ def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) ->
         raise
     except TimeoutError:
         return None
-    except OSError as error:  # the worker with these columns does not answer
+    except OSError as error:  # the worker that has these results does not answer
         raise watch.silent_scheduler(error) from None
     except KilledWorker as error:
-        problem = f"{runs} crashed several workers in turn, the last {error.last_worker}"
+        problem = f"{runs} crashed several workers one after the other, the last at {error.last_worker}"
         fix = f"check that worker's log, for example for a lack of memory, then {RESUME_HINT}"
         raise WorkersLost(argument_name("cluster"), problem, fix) from None
     except BaseException as error:

@@ -1,4 +1,4 @@
-"""Workers in this process. A block flies while the metrics of an earlier block are computed. Ctrl-C stops both."""
+"""Workers in this process. One block of runs flies while the metrics of another are computed. Ctrl-C stops both."""
 
 import functools
 import threading
@@ -18,13 +18,13 @@ AHEAD = 2
 
 
 class _CampaignAborted(Exception):
-    """Error raised in a worker to stop its block, because the campaign has ended."""
+    """Error raised in a worker to stop the worker's block, because the campaign has ended."""
 
 
 class RowCount:
-    """Progress of a campaign: number of finished rows, which never decreases.
+    """Progress of a campaign: number of flown rows (runs), which never decreases.
 
-    A row counts as soon as it is flown, before it is stored.
+    A row counts as soon as its run is flown, before the row is stored.
     """
 
     def __init__(self, progress: Callable[[int], None] | None) -> None:
@@ -43,7 +43,7 @@ class RowCount:
             self._tell(sum(self._pieces.values()))
 
     def keep(self, done: int) -> None:
-        """Report that `done` rows are stored."""
+        """Report that `done` rows (runs) are stored."""
         with self._alone:
             self._tell(done)
 
@@ -54,11 +54,11 @@ class RowCount:
 
 
 def local_workers(threads: int | None = None, count: RowCount | None = None) -> Workers:
-    """Return workers in this process.
+    """Return a function that flies blocks of runs in this process.
 
     Args:
         threads: number of threads. None: one for each core.
-        count: object that receives the number of rows flown, a few times a second.
+        count: object to which the number of flown runs is reported a few times a second.
     """
     rows = count or RowCount(None)
 
@@ -99,7 +99,7 @@ def local_workers(threads: int | None = None, count: RowCount | None = None) -> 
 def _split_block(first: int, last: int, backend: str) -> Blocks:
     """Split a block into the runs of each simulation call.
 
-    Calls of JAX on a CPU are short, because they can't be interrupted and are not faster with more runs.
+    On a CPU the calls of JAX have few runs, because a call cannot be interrupted and is not faster with more runs.
     """
     size = BLOCK_RUNS_MIN if backend == "jax" and jax.default_backend() == "cpu" else last - first
     return [(start, min(start + size, last)) for start in range(first, last, size)]

@@ -1,7 +1,7 @@
-"""Plan of a campaign, checked against its scenario, and the parameters of each run.
+"""Plan of a campaign, with checks against the scenario, and computation of the parameters of each run.
 
-A plan is JSON-compatible data that determines every row. A later session, or another machine, computes the same rows
-from it.
+A plan is JSON-compatible data that determines the results of every run. From the same plan, a later session or another
+machine computes the same results.
 """
 
 import hashlib
@@ -40,20 +40,20 @@ from trimtab.run.walk_structure import signal_structure
 from trimtab.scenarios.build import CALIBRATION, build
 
 MEMORY = 48 * 2**20
-"""Approximate memory for the logged rows of a block, in bytes."""
+"""Approximate memory (bytes) for the logged rows of a block of runs."""
 BLOCK_RUNS_MIN, BLOCK_RUNS_MAX = 64, 2048
 """Minimum and maximum number of runs in a block."""
 VARIANTS = 64
-"""Maximum number of programs to compile for all combinations of varied options."""
+"""Maximum number of compiled programs, one for each combination of varied options."""
 
 
 class CampaignPlan(NamedTuple):
     """Plan of a campaign. settings, without, faults: as in `trimtab run`.
 
-    spread: paths of varied parameters and their distributions.  correlate: pairs of these paths, with their
+    spread: pairs (path, distribution) of the varied parameters.  correlate: pairs of these paths, each with the
     correlation.  runs: total number of runs. The parameters of a run depend on this number only for a Latin hypercube.
-    success: conditions that must all hold.  log_period: time between logged rows (100 ns).  calibration: content of the
-    calibration file named in the settings, so that other machines do not need this file.  inputs: inputs held constant
+    success: conditions that must all hold.  log_period: time between log rows (100 ns).  calibration: content of the
+    calibration file named in the settings, so that other machines do not need the file.  inputs: inputs held constant
     in pieces, as typed after `--vary`.
     """
 
@@ -88,7 +88,7 @@ def plan_campaign(
 ) -> CampaignPlan:
     """Create a plan. Settings, `without` and faults need a scenario given by name, not as an object.
 
-    part: name of the caller, for errors.  rest: other fields of the plan.
+    part: name of the caller, for error messages.  rest: other fields of the plan.
     """
     check_seed(seed)
     own = dict(settings or {})
@@ -130,7 +130,7 @@ def plan_search(
             raise InputError(
                 argument_name("spread", path),
                 "already varies",
-                fix="leave out this spread, or the fault range or input that varies the same number",
+                fix="leave out this spread, or the fault range or input that varies the same quantity",
             )
     return plan._replace(spread=_parse_spread({**spread, **more}))
 
@@ -164,13 +164,13 @@ def _as_tuples(value: Any) -> Any:
 
 
 def identity(plan: CampaignPlan, scenario: Scenario, backend: str) -> dict[str, str]:
-    """Return the data that determine a campaign's rows: digests of plan, scenario and files, backend, versions."""
+    """Return the data that determine a campaign's results: digests of plan, scenario and files, backend, versions."""
     of_plan = plan.as_dict()
     if plan.sampling != "latin":
         del of_plan["runs"]
     for name in ("calibration", "inputs"):
         if not of_plan[name]:
-            del of_plan[name]  # absent in older plans
+            del of_plan[name]  # this field is absent in older plans
     about = describe_scenario(scenario)
     of_scenario = {"parameters": about["parameters"], "parts": about["parts"]}
     digests = {"campaign": of_plan, "scenario": of_scenario, "files": _file_digests(plan)}
@@ -189,7 +189,7 @@ def _digest(plain: Any) -> str:
 
 
 class PreparedCampaign(NamedTuple):
-    """Plan that was checked against its scenario. block: number of runs that fly together and are stored together."""
+    """Plan, checked against the scenario. block: number of runs that are flown and stored together."""
 
     plan: CampaignPlan
     scenario: Scenario
@@ -207,10 +207,10 @@ def prepare_campaign(
 
     Args:
         plan: plan of the campaign.
-        scenario: the scenario. None: the scenario is built from the plan's name and settings.
-        own: the user's metrics, given as functions.
+        scenario: scenario of the campaign. None: the scenario is built from the name and settings in the plan.
+        own: the user's metrics that are defined by functions.
 
-    Raises: InputError with the text to type instead.
+    Raises: InputError with a fix, for an invalid campaign.
     """
     if scenario is None:
         scenario = build_scenario(plan)
@@ -256,7 +256,7 @@ def with_spread_parts(scenario: Scenario, factors: Iterable[Factor]) -> Scenario
 
 
 class KnownSignals(NamedTuple):
-    """Signals that metrics of a scenario may use. shapes, units: shape and unit of each signal, by path.
+    """Signals that metrics of a scenario may use. shapes, units: path of a signal -> shape, unit.
 
     Derived signals such as `flight.roll` are included.  flight: source of these derived signals, or None for a vehicle
     that moves in a plane.
@@ -267,13 +267,13 @@ class KnownSignals(NamedTuple):
     flight: FlightSource | None
 
     def source_signals(self, paths: Iterable[str]) -> tuple[str, ...]:
-        """Return the sorted paths of the signals that must be logged to compute the given signals."""
+        """Return the sorted paths of the signals that must be logged so that the given signals can be computed."""
         source = self.flight.paths if self.flight else ()
         return tuple(sorted({one for p in paths for one in (source if p.startswith(FLIGHT) else (p,))}))
 
 
 def find_signals(scenario: Scenario) -> KnownSignals:
-    """Return the signals of a scenario. The scenario is not flown."""
+    """Return the signals of a scenario, without a simulation."""
     signals = list(logged_signals(signal_structure(run_inputs(scenario))))
     shapes, declared = {p: tuple(np.shape(value)) for p, value, _ in signals}, {p: d for p, _, d in signals}
     flight = find_flight(shapes, declared)
@@ -296,7 +296,7 @@ def draw_runs(ready: PreparedCampaign, first: int, last: int) -> tuple[Points, d
 
 
 def _check_values(ready: PreparedCampaign) -> None:
-    """Raise InputError, with the run's number, if a varied parameter leaves its valid range.
+    """Raise InputError, with the run's number, if a varied parameter leaves the valid range.
 
     For each parameter, only the runs with its smallest and its largest value are checked.
     """
@@ -318,21 +318,21 @@ def _check_values(ready: PreparedCampaign) -> None:
     options = program_options(ready).values()
     count = int(np.prod([len(set(f.distribution.choices)) for f in options] or [1]))
     if count > VARIANTS:
-        problem = f"the choices of {', '.join(f.path for f in options)} need {count} programs"
+        problem = f"the choices of {', '.join(f.path for f in options)} need {count} compiled programs"
         raise InputError(
-            argument_name("spread"), problem, fix=f"offer fewer choices: at most {VARIANTS} programs together"
+            argument_name("spread"), problem, fix=f"vary fewer choices, so that at most {VARIANTS} programs are needed"
         )
 
 
 def parameters_at(ready: PreparedCampaign, u: Any) -> dict[str, Any]:
-    """Return path -> exact value of each varied parameter, at its quantile u (d,). Options are not included."""
+    """Return path -> exact value of each varied parameter, at the quantiles u (d,). Options are not included."""
     dtypes = {path: d.dtype() for path, _, d in leaves(ready.scenario) if isinstance(d, Quantity)}
     arrays = spread_arrays(ready.spread, ready.scenario, spread_values(ready.spread, ready.scenario, u[None]))
     return {path: np.asarray(array[0]).astype(dtypes[path])[()] for path, array in arrays.items()}
 
 
 def scenario_at(ready: PreparedCampaign, u: Any) -> Scenario:
-    """Return the scenario with all varied parameters and options at their quantiles u (d,)."""
+    """Return the scenario with all varied parameters and options at the quantiles u (d,)."""
     values = spread_values(ready.spread, ready.scenario, u[None])
     scenario = scenario_variant(ready, {text: int(values[text][0]) for text in program_options(ready)})
     for path, value in parameters_at(ready, u).items():
@@ -346,13 +346,16 @@ def scenario_of(ready: PreparedCampaign, run: int) -> Scenario:
 
 
 def program_options(ready: PreparedCampaign) -> dict[str, Factor]:
-    """Return the options that vary, by their texts. Each choice of an option needs its own program."""
+    """Return the options that vary, by the text of the spread.
+
+    Each choice of an option needs a separate compiled program.
+    """
     declared = {path: d for path, _, d in leaves(ready.scenario)}
     return {f.text: f for f in ready.spread.factors if isinstance(declared[f.path], Option)}
 
 
 def scenario_variant(ready: PreparedCampaign, picks: Mapping[str, int]) -> Scenario:
-    """Return the scenario with these choices of its options. picks: option's text -> number of the choice."""
+    """Return the scenario with some options changed. picks: text of an option in the spread -> number of the choice."""
     texts = {f.path: f.distribution.choices[picks[text]] for text, f in program_options(ready).items()}
     return with_settings(ready.scenario, texts) if texts else ready.scenario
 
@@ -361,7 +364,9 @@ def refuse_options(ready: PreparedCampaign) -> None:
     """Raise InputError if an option varies, because a search can vary only numbers."""
     for text, factor in program_options(ready).items():
         problem = f"{factor.path} changes the program, but a search can vary only numbers"
-        fix = f"one search for each choice, e.g. {argument('settings', factor.distribution.choices[0], factor.path)}"
+        fix = (
+            f"one search for each choice, e.g. with {argument('settings', factor.distribution.choices[0], factor.path)}"
+        )
         raise InputError(argument_name("spread", text), problem, fix=fix)
 
 
@@ -369,7 +374,7 @@ def check_bounds(ready: PreparedCampaign, ends: Any) -> None:
     """Raise InputError if a bound of a varied parameter is not valid.
 
     Each parameter is tested alone at both ends of its range, and all parameters together.
-    ends: (2, d), lower and upper ends as probabilities.
+    ends: (2, d), lower and upper ends of the ranges, as probabilities.
     """
     middle, names = ends.mean(axis=0), [f.text for f in ready.spread.factors]
     corners = [(ends[side], "all parameters at one end") for side in (0, 1)]
@@ -384,5 +389,5 @@ def check_bounds(ready: PreparedCampaign, ends: Any) -> None:
         except InputError as error:
             problem = f"can't be flown at an end of its range: {error.part}: {error.problem}"
             raise InputError(
-                argument_name("spread", name), problem, choices=error.choices, fix="narrower bounds"
+                argument_name("spread", name), problem, choices=error.choices, fix="choose narrower bounds"
             ) from None
