@@ -70,5 +70,5 @@ def test_a_folder_that_others_can_enter_is_refused(tmp_path, monkeypatch):
     folder = memory_folder()
     assert folder.stat().st_mode & 0o077 == 0
     folder.chmod(0o755)
-    with pytest.raises(PermissionError, match="others have access"):
+    with pytest.raises(PermissionError, match="other users have access"):
         memory_folder()

@@ -105,7 +105,7 @@ class Injector:
         counts = self.endpoint.counts
         problem = f"no vehicle answers ({what}); received frames: {counts.accepted} accepted, {counts.refusals} refused"
         fix = (
-            "start the vehicle (trimtab vehicle SCENARIO --listen URI), and use the vehicle's address, scenario, "
+            "start the vehicle: trimtab vehicle SCENARIO --listen URI; then use the vehicle's address, scenario, "
             "settings and key here"
         )
         raise InputError(argument_name("link"), problem, fix=fix)

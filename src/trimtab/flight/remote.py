@@ -1,4 +1,4 @@
-"""Vehicle as seen from the autopilot's end: presence, messages, clock, scenario and arming state.
+"""Vehicle as known to the autopilot's end: presence, messages, clock, scenario and arming state.
 
 Source: docs page, Fly; MAVLink's services heartbeat, command and timesync.
 """
@@ -40,25 +40,26 @@ class RemoteVehicle:
     ) -> None:
         """Start without a known vehicle.
 
-        typed: command that the user typed; messages suggest it again with the missing options. identity, accepts: see
-        `ScenarioComparison`. confirms: see `RemoteArming`.
+        typed: command that the user typed. Messages suggest the command with the missing options.  identity, accepts:
+        see `ScenarioComparison`.  confirms: see `RemoteArming`.
         tell: function that receives the messages for the user and for the log.
         """
         self._endpoint, self._link, self.typed, self._tell = endpoint, link, typed, tell
         self.remarks: list[str] = []
-        """Remarks on accepted problems: settings that differ, and a clock that differs. They are also logged."""
+        """Remarks on accepted differences between vehicle and autopilot: settings, and the clock. The remarks are also
+        logged."""
         self.clock = VehicleClock(endpoint, tell, self.remarks)
         self.comparison = ScenarioComparison(endpoint, identity, accepts, tell, self.remarks)
         self.arming = RemoteArming(endpoint, self.comparison, confirms, tell)
         self.requests = ForwardedRequests(endpoint)
         self.checks, self.wants_checks = RemoteChecks(), False
-        """The vehicle's checks before arming. They are requested while `wants_checks` is True."""
+        """Results of the vehicle's checks before arming, requested while `wants_checks` is True."""
         self.system = self.component = 0
         self.heartbeat_time: int | None = None
         self._texts = TextAssembly()
 
     def is_of_vehicle(self, message: Message) -> bool:
-        """Return True if a message comes from the first vehicle from which a heartbeat was received."""
+        """Return True if a message is from the first vehicle that has sent a heartbeat."""
         return self.heartbeat_time is not None and (message.system, message.component) == (self.system, self.component)
 
     @property
@@ -132,7 +133,7 @@ class RemoteVehicle:
             self.comparison.handle_refusal()
 
     def due(self, now: int) -> None:
-        """Send the packets that must be sent now: heartbeats and requests."""
+        """Send the heartbeats and requests that are due now."""
         self._send(self.requests.due(now))
         self._send(self.clock.due(now))
         self._send(self.arming.due(now, self.system))

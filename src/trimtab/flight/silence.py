@@ -1,12 +1,13 @@
-"""Detector of silence on a link, that is, of a time without data. It reports start and end of a silence."""
+"""Detector of silence on a link, that is, of a period without data. The detector reports start and end of each
+silence."""
 
 from trimtab.core.time import ms, to_seconds
 from trimtab.flight.mavlink.endpoint import FrameCounts
 
 SILENCE = ms(250)
-"""Time without data after which silence is reported."""
+"""Time (100 ns) without data after which silence is reported."""
 SHORT_SILENCE = ms(100)
-"""Longest time without data for which data still counts as arriving."""
+"""Longest time (100 ns) without data for which the link still counts as receiving data."""
 
 
 class SilenceWatch:
@@ -23,7 +24,7 @@ class SilenceWatch:
         self._heard_time = now
 
     def length(self, now: int) -> int:
-        """Return the time since `update` last noticed a new frame."""
+        """Return the time (100 ns) since `update` last found a new frame."""
         return now - self._heard_time
 
     def is_heard(self, now: int) -> bool:
