@@ -65,7 +65,7 @@ def test_text_that_warns_is_refused(folder):
 def test_undefined_behaviour_is_found(folder):
     bad = "double room[2] = {0, 0};\n    volatile int k = 2;\n    room[k] = p->law.k1;\n    out->law.lyapunov = room[k]"
     edit(folder / "autopilot.c", "out->law.lyapunov = ", f"{bad}; out->law.lyapunov = ")
-    with pytest.raises(InputError, match="stopped with"):
+    with pytest.raises(InputError, match="ended with exit code"):
         verify_folder(folder)
 
 
