@@ -63,7 +63,8 @@ def shorten_hash(choices: Any) -> str:
 
 
 def describe_signal(path: str, declared: Quantity | None) -> dict[str, Any]:
-    """Return the description of a signal: path, unit, meaning, kind, modes and frame."""
+    """Return the description of a signal for the page: path, unit, meaning, kind, names of modes, and coordinate
+    frame."""
     if declared is None:
         return {"path": path, "unit": "", "meaning": "", "kind": "real", "modes": None, "frame": ""}
     named = {"path": path, "unit": declared.unit, "meaning": declared.doc, "kind": declared.kind}

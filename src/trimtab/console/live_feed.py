@@ -26,7 +26,7 @@ MUTABLE = ("request", "stop", "set", "save")
 
 
 class LiveFeed:
-    """Console's end of the connection to a live flight."""
+    """Console's end of the connection between a live flight and its console."""
 
     def __init__(self, end: socket.socket, hello: dict[str, Any], ended: Callable[[], None]) -> None:
         """end: one end of a socket pair, whose other end belongs to the flight.
@@ -73,7 +73,7 @@ class LiveFeed:
         self._tell({"type": "note", "text": text})
 
     def handle(self, client: Client, message: dict[str, Any]) -> None:
-        """Handle a message of a page."""
+        """Handle a message that a page has sent."""
         kind, number = message["type"], client.number
         if kind == "ping":
             client.send({"type": "pong", "sent": message["sent"], "clock": time.monotonic()})

@@ -52,7 +52,7 @@ class Guard:
         self._app, self._access, self._note = app, access, note
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, or refuse it."""
+        """Pass a request on to the web application, or refuse the request."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
@@ -68,7 +68,7 @@ class Guard:
 
     def _find_refusal(self, scope: Scope, headers: dict[str, str]) -> str:
         if not self._access.is_own_host(headers.get("host", "")):
-            return f"the host {headers.get('host', '')[:80]!r} is not this server's"
+            return f"the host {headers.get('host', '')[:80]!r} is not a host name of this server"
         may_change = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
         if may_change and not self._access.is_own_origin(headers.get("origin", "")):
             return f"a request from the origin {headers.get('origin', '')[:80]!r}"

@@ -162,7 +162,7 @@ def _attributes(v: FmuVariable, reference: int) -> dict[str, str]:
 
 
 def _limits(v: FmuVariable, version: int) -> dict[str, str]:
-    """Return the attributes unit, min and max of a variable. Outputs and integers have no min and max."""
+    """Return the XML attributes unit, min and max of a variable. Outputs and integers have no min and max."""
     unit, d = _unit(v, version), v.member.declaration
     told = {"unit": unit} if unit else {}
     if d is None or v.role == "output" or v.dtype[0] != "f":

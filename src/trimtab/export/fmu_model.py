@@ -126,7 +126,8 @@ static int64_t model_next(int64_t t)
 
 
 def fmu_model(scenario: Scenario, part: str, seed: int = 0) -> FmuModel:
-    """Return a part of a checked scenario: "autopilot", "vehicle" (with its world, sensors and links) or "loop"."""
+    """Return the model of a part of a checked scenario: "autopilot", "vehicle" (with world, sensors and links) or
+    "loop"."""
     period = scenario.autopilot.period
     if part == "autopilot":
         stamps = AUTOPILOT_ADVANCE.replace("PERIOD", f"INT64_C({period})")
@@ -181,7 +182,7 @@ def fmu_variables(model: FmuModel, block: BlockText) -> list[FmuVariable]:
             raise InputError(
                 "export --fmu",
                 f"{problem}, which FMI does not allow",
-                fix="export C instead: trimtab export without --fmu",
+                fix="export C code instead: type trimtab export without --fmu",
             )
     return variables
 
@@ -205,7 +206,7 @@ def split_variables(variables: Iterable[FmuVariable]) -> list[FmuVariable]:
 def model_header(
     model: FmuModel, block: BlockText, scenario: Scenario, variables: list[FmuVariable], token: str
 ) -> str:
-    """Return the text of model.h, which connects an FMU's variables with the block's C code."""
+    """Return the text of model.h, which connects the variables of an FMU with the C code of the block."""
     name, more = block.name, ", w" if block.workspace else ""
     real = "double" if all(m.dtype != "f32" for m in [*block.inputs, *block.parameters]) else "float"
     samples = [m.path.removesuffix(".age") for m in block.inputs if m.path.endswith(".age")]
@@ -286,7 +287,8 @@ def _input_start(m: Member) -> Any:
 
 
 def _function_texts(block: BlockText, kind: str) -> str:
-    """Return the C text of a block's init or step, with the functions into which it is divided."""
+    """Return the C code of a block's init or step function, including the functions into which this function is
+    divided."""
     functions = re.split(r"^}$", block.source, flags=re.MULTILINE)
     return "\n".join(f for f in functions if re.search(rf"^\S.*\b{block.name}_{kind}", f, flags=re.MULTILINE))
 

@@ -206,7 +206,7 @@ def _describe_slider(slider: Slider, block: BlockText) -> dict[str, Any]:
 
 
 def _describe_signal(path: str, block: BlockText, scenario: Scenario) -> dict[str, Any]:
-    """Return the path, unit, meaning and target of a plotted signal, for the page."""
+    """Return the path, unit, meaning and target of a plotted signal as data for the page."""
     declared = next((m.declaration for m in block.outputs if path.startswith(m.name)), None)
     goals = [target.value for target in scenario.targets if full_path(target.path) == path]
     return {

@@ -143,7 +143,7 @@ class LiveAutopilot:
                 flight_log.write_event(remark)
         try:
             with self._machine.real_time(wanted_real_time) as grant:
-                discard_packets(self.link)  # packets that arrived before now, or while memory was being locked
+                discard_packets(self.link)  # discard packets that arrived before the start or while memory was locked
                 self.endpoint.begin_anew()
                 self.autopilot_end.drop_samples()
                 takes_over, halts = self._options.takes_over, overrun == HALT

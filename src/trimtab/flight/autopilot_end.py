@@ -1,4 +1,5 @@
-"""Autopilot's end of a link: it receives sensor samples, runs one compiled step per period, and packs commands.
+"""Autopilot's end of a link: it receives sensor samples, runs the compiled autopilot once per control period, and packs
+commands.
 
 Source: docs page, Fly.
 """
@@ -30,7 +31,7 @@ class EstimatedPose:
     """Reader of the estimated position and attitude in the outputs of a compiled autopilot."""
 
     def __init__(self, step: CompiledBlock) -> None:
-        """step: the compiled autopilot."""
+        """step: compiled autopilot, whose outputs contain the estimate."""
         self._step = step
         paths = [f"{ESTIMATE}{name}" for name in ESTIMATED_POSE]
         self._slots: list[Any] = [step.writes[path] for path in paths if path in step.writes]
@@ -118,7 +119,7 @@ class AutopilotEnd:
             queue.clear()
 
     def fly_period(self, t: int) -> None:
-        """Run one control period at integer time t."""
+        """Run one control period of the autopilot at integer time t."""
         self.set_inputs(t)
         self.step.step()
 
@@ -131,12 +132,12 @@ class AutopilotEnd:
             queue.set_inputs(self.step.inputs, t, to_local)
 
     def log_sources(self) -> list[LogSource]:
-        """Return the input and output vectors of the autopilot's step, for the log."""
+        """Return the input and output vectors of the compiled autopilot, as sources of the log's rows."""
         return step_sources(self.step)
 
     @property
     def has_command(self) -> bool:
-        """True if the last command is valid."""
+        """True if the last command of the autopilot is valid."""
         return bool(self.step.outputs[self.step.writes["command.valid"]])
 
     def command_packets(self, endpoint: Endpoint, shift: int = 0) -> list[bytes]:
@@ -151,7 +152,7 @@ def scenario_dialect(scenario: Scenario) -> Dialect:
 
 
 def step_sources(step: CompiledBlock) -> list[LogSource]:
-    """Return the input and output vectors of an autopilot's step, for the log."""
+    """Return the input and output vectors of a compiled autopilot, as sources of the log's rows."""
     inputs = LogSource(step.inputs, step.text.inputs, frame_log_path)
     return [inputs, LogSource(step.outputs, step.text.outputs, lambda p: p)]
 

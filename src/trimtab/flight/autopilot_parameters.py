@@ -67,7 +67,7 @@ class AutopilotRelay:
 
 
 def _describe_bounds(declared: Quantity) -> dict[str, Any]:
-    """Return unit, description and bounds of a parameter for the console."""
+    """Return unit, meaning and bounds of a parameter as a dictionary for the console."""
     bounds = {"low": declared.low, "high": declared.high, "above": declared.above, "modes": declared.modes or None}
     return {"unit": declared.unit, "meaning": declared.doc, **bounds}
 
@@ -79,7 +79,7 @@ class AutopilotParameters:
     """
 
     def __init__(self, scenario: Scenario, step: CompiledBlock, endpoint: Endpoint, store: ParameterStore) -> None:
-        """step: the compiled autopilot of this scenario.  store: file in which changed parameters are stored."""
+        """step: compiled autopilot of the scenario.  store: file in which changed parameters are stored."""
         self._endpoint, self._step = endpoint, step
         held = {f"{PREFIX}.{path}" for path in step.parameters}
         self._parameters = Parameters(scenario.autopilot, PREFIX, only=held)
@@ -160,13 +160,14 @@ class AutopilotParameters:
         return changes
 
     def due(self, now: int) -> list[bytes]:
-        """Return the packets that must be sent now."""
+        """Return the packets with parameters, texts and acknowledgements that must be sent now."""
         packets = [*self._packets, *self._texts.pack_texts(), *self._service.due(now)]
         self._packets.clear()
         return packets
 
     def store(self) -> str:
-        """Store or reset the parameters after a flight, if requested. Return a message for the user, or ""."""
+        """If a ground station has requested it, store or reset the parameters after a flight. Return a message for the
+        user, or ""."""
         if not self._storage:
             return ""
         is_reset, self._storage = self._storage == RESET_STORAGE, 0

@@ -13,7 +13,7 @@ from trimtab.flight.mavlink.definitions import Message
 from trimtab.flight.mavlink.endpoint import Endpoint
 
 AUTOPILOT_TIMEOUT = seconds(10)
-"""Time without a message from an autopilot after which samples are no longer sent."""
+"""Time (100 ns) without a message from an autopilot after which samples are no longer sent."""
 AUTOPILOT_MESSAGES = ("HEARTBEAT", "TIMESYNC")
 """Messages that only an autopilot sends. A sender of such a message or of a command, with the vehicle's own system id,
 counts as the autopilot."""
@@ -30,7 +30,7 @@ class Broadcast:
         self._autopilot_time = -2 * AUTOPILOT_TIMEOUT
 
     def accept_sender(self, messages: Sequence[Message], now: int) -> None:
-        """Accept the sender of `messages` as a peer of the link. Do nothing if `messages` is empty."""
+        """Accept the sender of the given messages as a peer of the link. Without messages, do nothing."""
         if not messages:
             return
         own = self._endpoint.system

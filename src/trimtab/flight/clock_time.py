@@ -110,13 +110,13 @@ class Reply(NamedTuple):
 
 
 class ClockTimeExchange:
-    """Encoder of requests and decoder of replies, at the measuring end of the CLOCK_TIME experiment."""
+    """Encoder of requests and decoder of replies for the measuring end of the CLOCK_TIME experiment."""
 
     def __init__(self, session: int, boot: bytes | None = None) -> None:
         self._boot, self._session = boot_digest() if boot is None else boot, session
         self._parser = ClockMessageParser(DOWN)
         self.shared: bool | None = None
-        """True if both ends share one clock; None until the far end has answered."""
+        """True if both ends of the link share one clock, or None until the far end has answered."""
         self.heard = 0
         """Number of requests that arrived at the far end, as last reported by the far end."""
 

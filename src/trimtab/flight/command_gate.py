@@ -89,7 +89,7 @@ class CommandGate:
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """Current values of AUTHORITY_SIGNALS."""
+        """Current values of the signals in AUTHORITY_SIGNALS."""
         owner = self._authority.owner
         return 0 if owner is None else owner.session, self._authority.refused_commands, self.leading_commands
 

@@ -44,7 +44,7 @@ def list_shown(rows: FlightRows) -> list[ShownSignal]:
 
 
 class ConsoleLine:
-    """Connection from a flight to its console: it sends rows and messages, and receives requests."""
+    """Connection from a flight to its console. It sends rows of signal values and messages, and receives requests."""
 
     def __init__(self, end: socket.socket, clock: Clock = SYSTEM_CLOCK) -> None:
         """end: one end of a pair of packet sockets, whose other end is the console's.  clock: clock of this process."""

@@ -166,7 +166,7 @@ class ControlLoop:
         self._pilot.show(t, own, self.deadlines)
 
     def _next_period(self, k: int) -> int:
-        """Return the number of the next period. Periods are skipped if the loop is far behind."""
+        """Return the number of the next control period. If the loop is far behind, periods are skipped."""
         passed, behind = self.deadlines.count_passed(k + 1)
         if passed:
             self.skipped += passed
@@ -174,7 +174,7 @@ class ControlLoop:
         return k + 1 + passed
 
     def _own_signals(self, now: int, late: int, step: int) -> tuple[float, ...]:
-        """Return the current values of FLIGHT_SIGNALS."""
+        """Return the current values of the signals in FLIGHT_SIGNALS."""
         parts, deadlines, samples = self._parts, self.deadlines, self._parts.autopilot_end.counts
         return (
             late * 1e-9,

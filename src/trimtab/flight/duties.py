@@ -216,7 +216,7 @@ class FlightRequests:
             self._tell(f"autopilot: {pending.request} refused")
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
-        """Start to forward a request to the autopilot. A newer request replaces an older one."""
+        """Start to forward a request to the autopilot. It replaces an earlier request that is still pending."""
         if isinstance(event, FlightRequest):
             self._pending = _PendingRequest(event.request, now, now, 0)
         elif isinstance(event, ModeRequest) and event.mode == HOLD_MODE:

@@ -21,7 +21,7 @@ MOST_INCOMPLETE = 8
 so several samples may be incomplete."""
 T = TypeVar("T")
 Where = Callable[[str], int | slice]
-"""Function from the path of a record's leaf (a number or an array) to the index or slice of this leaf in a vector."""
+"""Function from the path of a number or array in a record to its index or slice in a vector."""
 
 
 class _MessageLayout(NamedTuple):
@@ -102,13 +102,13 @@ def slot_indices(where: Mapping[str, Any], paths: Iterable[str], size: int) -> A
 
 
 def sample_groups(dialect: Dialect, where: Where) -> dict[str, MessageGroup]:
-    """Return the group of messages that carries each sensor's samples, by the sensor's name."""
+    """Return the group of messages for the samples of each sensor, by the sensor's name."""
     prefix = "samples."
     return {g[len(prefix) :]: MessageGroup(dialect, g, where) for g in dialect.groups if g.startswith(prefix)}
 
 
 def command_group(dialect: Dialect, where: Where) -> MessageGroup:
-    """Return the group of messages that carry the command."""
+    """Return the group of messages for the command."""
     return MessageGroup(dialect, COMMAND, where)
 
 

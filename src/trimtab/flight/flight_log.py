@@ -113,7 +113,8 @@ class FlightRecorder(Protocol):
         ...
 
     def await_room(self) -> None:
-        """Wait until the log has room for a row. Call this in lockstep, where a flight may be faster than the disk."""
+        """Wait until the log's buffer has room for a row. Call this in lockstep, where a flight may be faster than the
+        disk."""
         ...
 
     def write_event(self, text: str) -> None:
@@ -171,7 +172,8 @@ class FlightLog:
         self._ring.write_row(self._row)
 
     def await_room(self) -> None:
-        """Wait until the log has room for a row, or its writer has died. Virtual time may be faster than the disk."""
+        """Wait until the log's buffer has room for a row or the writer's process has died. Call this in virtual time,
+        which may be faster than the disk."""
         while self._ring.waiting_rows >= self._ring.rows and self._stream.is_alive:
             SYSTEM_CLOCK.wait(None, 1e-3)
 

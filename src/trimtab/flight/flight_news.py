@@ -1,4 +1,5 @@
-"""Events of a flight to report: sensors with decreasing time stamps, decisions of the supervisor, violated formulas.
+"""Reports of events in a flight: sensors with decreasing time stamps, decisions of the supervisor, violated formulas of
+the monitor.
 
 Source: docs pages, Fly and Supervisor.
 """
@@ -9,7 +10,7 @@ from trimtab.flight.supervised import explain_change
 
 
 class FlightNews:
-    """Reporter of changes during a flight. Each change is reported once."""
+    """Reporter of events in a flight. Each event is reported once."""
 
     def __init__(self, parts: AutopilotParts, silence: SilenceWatch) -> None:
         """Start with nothing reported. silence: detector of missing data from the vehicle."""

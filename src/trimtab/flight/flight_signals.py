@@ -1,4 +1,4 @@
-"""Signals logged each control period, and the summary of a flight.
+"""Signals that an autopilot logs in each control period, and the summary of a flight.
 
 Source: docs page, Fly.
 """
@@ -61,7 +61,7 @@ class LiveFlightSummary(NamedTuple):
     grant: RealTimeGrant
     deadlines: Deadlines
     skipped: int
-    """Number of control periods that were skipped."""
+    """Number of control periods that were skipped because the loop was too late."""
     log: LogFileSummary | None
     cause: str
     """Reason for an early end of the flight; empty for a normal end."""

@@ -32,7 +32,7 @@ FORCE, RATE, FIELD = "specific_force", "angular_rate", "field"
 
 
 class Instruments:
-    """Reader of a virtual vehicle's state for telemetry."""
+    """Reader of the state of a virtual vehicle, for the telemetry."""
 
     def __init__(
         self,

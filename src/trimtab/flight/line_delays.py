@@ -42,7 +42,7 @@ MOST_LOAD = 125_000
 LOAD_TIMEOUT = 3.0
 """Time (s) for which the far end sends load after the last request for load."""
 BURST = 4
-"""Maximum number of load messages sent at once, after a delay of this machine."""
+"""Maximum number of load messages that are sent together after a delay of this machine."""
 HELLO_PERIOD = 0.5
 """Time between two hello messages to the far end (s)."""
 BITS_PER_BYTE = 10
@@ -68,7 +68,7 @@ class LinkTestPlan(NamedTuple):
 
     @property
     def first_patience(self) -> float:
-        """Return the time to wait for the first reply (s)."""
+        """Return the longest time (s) to wait for the first reply."""
         return 10 * self.patience
 
 
@@ -239,7 +239,8 @@ class _DelayMeasurement:
                 self._gather_replies(left)
 
     def _gather_replies(self, wait: float) -> None:
-        """Store the replies that arrive within `wait` seconds. If a request has two replies, the first counts."""
+        """Store the replies that arrive within `wait` seconds. If a request has two replies, store only the first
+        reply."""
         data = self._link.receive(max(wait, 0.0))
         arrived = self._clock.monotonic_ns() // NS
         for key, uplink in self._exchange.read_replies(data) if data else ():

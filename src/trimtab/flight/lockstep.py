@@ -41,7 +41,7 @@ START_PATIENCE = 120.0
 
 
 class NoAnswerError(Exception):
-    """Error: the other end did not answer in time."""
+    """Error that the other end of the link did not answer in time."""
 
 
 def lead_lockstep(
@@ -134,7 +134,7 @@ def follow_lockstep(
         if now() > deadline:
             raise NoAnswerError(f"the vehicle has sent no data after the instant {done * 1e-7:g} s")
     deadline = now() + LINGER
-    while now() < deadline:  # the last command may be lost
+    while now() < deadline:  # the last command may be lost: answer repetitions of the last instant
         for message in receive_messages(link, endpoint, RESEND_PERIOD):
             if message.name == instant and message.get("t") > done:
                 return
@@ -148,7 +148,7 @@ MakeEndpoint = Callable[[Dialect], Endpoint]
 
 
 class LockstepVehicle:
-    """Vehicle's end in lockstep. It sends each instant and waits for the command."""
+    """Vehicle's end of a link in lockstep. It sends the samples of each instant and waits for the command."""
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
         """Compile the simulated vehicle. endpoint: function that makes the vehicle's endpoint for a MAVLink dialect."""
@@ -177,7 +177,7 @@ class LockstepVehicle:
 
 
 class LockstepAutopilot:
-    """Autopilot's end in lockstep. It answers each instant with a command."""
+    """Autopilot's end of a link in lockstep. It answers the samples of each instant with a command."""
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
         """Compile the autopilot. endpoint: function that makes the autopilot's endpoint for a MAVLink dialect."""

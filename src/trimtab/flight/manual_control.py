@@ -52,7 +52,7 @@ class ManualControl:
 
     @property
     def wants_control(self) -> bool:
-        """True while the mode or the switch selects the pilot's sticks."""
+        """True while the vehicle's mode or the pilot's mode switch selects the pilot's sticks."""
         return self._is_mode or self._is_switched
 
     def radio_silence(self, now: int) -> int | None:

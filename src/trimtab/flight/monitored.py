@@ -25,7 +25,7 @@ class CompiledMonitor:
     """Reader of the monitor in a compiled autopilot. For an autopilot without a monitor, no formula is reported."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
-        """step: the compiled autopilot of this scenario."""
+        """step: compiled autopilot of the scenario."""
         monitor, self._step = scenario.autopilot.monitor, step
         self._watched: list[_Watched] = []
         if monitor is not None:

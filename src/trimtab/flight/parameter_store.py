@@ -28,7 +28,7 @@ def read_parameters(file: Path | None, scenario: str) -> dict[str, str]:
     if file is None or not file.exists():
         return {}
     part = f"parameters '{file}'"
-    fix = "give another file, or remove the file to use the scenario's parameters"
+    fix = "use another file, or remove the file to start with the scenario's parameters"
     try:
         content = json.loads(read_user_text(file, largest=LARGEST_FILE))
         owner, parameters = content["scenario"], dict(content["parameters"])

@@ -56,7 +56,7 @@ class FrameLoss:
         self._first: int | None = None
         self._before: tuple[int, int, int] | None = None
         self.share = math.nan
-        """Share of lost frames in the last window (%); NaN if too few frames have arrived."""
+        """Share of lost frames in the last time window (%), or NaN if too few frames have arrived."""
 
     def follow(self, now: int) -> None:
         """Update the share of lost frames, and start a new time window when the current window has enough frames or is
@@ -100,7 +100,7 @@ class _SensorWatch:
 
     @property
     def limit(self) -> float:
-        """Largest accepted age of a sample (s)."""
+        """Largest accepted age (s) of the sensor's newest sample."""
         interval = sorted(self._intervals)[LONGEST_PERIODS // 2]
         return to_seconds(LONGEST_SILENCE + LONGEST_PERIODS * max(interval, self._period))
 
@@ -153,7 +153,7 @@ class ArmingGuard:
         self.confirmed: frozenset[str] = frozenset()
         """Names of safety settings beyond their limits that the user has confirmed."""
         self.checks: list[ArmingCheck] = []
-        """Results of the last run of the checks."""
+        """Results of the checks before arming, from their last run."""
         self._next = 0
 
     def follow(self, t: int, mode: str) -> None:

@@ -95,7 +95,7 @@ class Preflight:
         return may_arm
 
     def restart(self) -> None:
-        """Start the checks from scratch, with the full waiting time."""
+        """Restart the checks and the waiting time."""
         self._began, self.is_decided, self._is_shown, self.obstacle, self.refusal = None, False, False, "", ""
         self._obstacles.clear()
 

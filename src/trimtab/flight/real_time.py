@@ -33,10 +33,11 @@ DISCARD_LIMIT = 10_000
 LONGEST_DELAY = seconds("0.5")
 """Smallest delay (100 ns) of a loop at which the loop skips periods. With a smaller delay, the loop catches up."""
 SUB_BUCKET_BITS = 5
-"""Base-2 logarithm of the number of histogram buckets per doubling of the time. A bucket is at most 3 % wide."""
+"""Base-2 logarithm of the number of histogram buckets per doubling of the time. The width of a bucket is at most 3 % of
+the time."""
 BUCKETS = (64 - SUB_BUCKET_BITS) << SUB_BUCKET_BITS
 FIRST_DOUBLING, LAST_DOUBLING = 10, 30
-"""Powers of two (ns) of the first and last edge of the coarse histogram."""
+"""First and last edge of the coarse histogram, as exponents of two (2^10 ns = 1 us, 2^30 ns = 1 s)."""
 PRIORITY = 40
 MCL_CURRENT_AND_FUTURE = 3
 
@@ -126,7 +127,7 @@ class Histogram:
         return [0.0, *(2**k * 1e-9 for k in range(first, last + 1))], counts
 
     def summary(self) -> TimeSummary:
-        """Return the number of times, their median and high quantiles, and the longest time."""
+        """Return the number of measured times, their median and high quantiles, and the longest time."""
         tails = [self.quantile(share) for share in (0.5, 0.99, 0.999)]
         return TimeSummary(sum(self.counts), tails[0], tails[1], tails[2], self.longest * 1e-9)
 

@@ -26,7 +26,7 @@ from trimtab.flight.vehicle_clock import VehicleClock
 
 
 class RemoteVehicle:
-    """Vehicle at the far end of a link. Times `now` are by the autopilot's clock, in 100 ns."""
+    """Vehicle at the other end of the autopilot's link. Times `now` are by the autopilot's clock, in 100 ns."""
 
     def __init__(
         self,
@@ -64,7 +64,8 @@ class RemoteVehicle:
 
     @property
     def is_ready(self) -> bool:
-        """True if a vehicle answers, its clock is known, and its scenario matches the autopilot's."""
+        """True if a vehicle answers, the vehicle's clock is known, and its scenario matches the autopilot's
+        scenario."""
         return self.heartbeat_time is not None and self.clock.is_known and self.comparison.is_complete
 
     def find_problem(self, scenario: str) -> ConnectionProblem:

@@ -151,7 +151,8 @@ def pack_command(
 ) -> bytes:
     """Return the packet of a MAVLink command.
 
-    system: id of the system that receives the command.  first, others: parameters of the command.
+    system: id of the system that receives the command.  first: first parameter of the command.  others: further
+    parameters, by name.
     """
     fields = {"command": command, "param1": first, "target_system": system, "target_component": 0}
     return endpoint.pack("COMMAND_LONG", fields | dict(others or {}))

@@ -31,7 +31,7 @@ MOST_FALLS = 8
 
 @dataclasses.dataclass
 class SampleCounts:
-    """Counts of the samples of all sensors since the start."""
+    """Counts of received samples of all sensors since the start of the autopilot."""
 
     received: int = 0
     dropped: int = 0
@@ -83,7 +83,7 @@ class SampleQueue:
             self._waiting.append(sample)
 
     def clear(self) -> None:
-        """Drop the waiting samples."""
+        """Drop all samples of this sensor that wait for a control period."""
         self._waiting.clear()
 
     def _is_new(self, t: int) -> bool:

@@ -88,7 +88,7 @@ class ScenarioComparison:
         return 0 if self._identity is None else self._identity.number
 
     def asks_version(self, now: int) -> bool:
-        """Return True if the vehicle must be asked for its version now."""
+        """Return True if the vehicle must be asked now for its version, which contains the hash of its dialect."""
         if self._is_dialect_known or now < self._next:
             return False
         self._next, self._asks = now + ASK_PERIOD, self._asks + 1

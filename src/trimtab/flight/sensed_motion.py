@@ -61,7 +61,7 @@ class SensedMotion:
         for name in self.bounds:
             if name not in self._slots:
                 problem = f"no sensor of this vehicle measures the {name}, for which a limit is set"
-                fix = f"remove the limit; the sensors measure {', '.join(self._slots) or 'nothing of its motion'}"
+                fix = f"remove the limit; of the motion, the sensors measure {', '.join(self._slots) or 'nothing'}"
                 raise InputError(f"limits.{name}", problem, choices=self._slots, fix=fix)
         self._outside_since: dict[str, int] = {}
         self._moments: deque[tuple[int, float, float]] = deque()

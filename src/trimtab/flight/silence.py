@@ -11,7 +11,7 @@ SHORT_SILENCE = ms(100)
 
 
 class SilenceWatch:
-    """Detector of silence at one end of a link. Times `now` are by the clock of that end, in 100 ns."""
+    """Detector of silence (missing data) at one end of a link. Times `now` are by the clock of this end, in 100 ns."""
 
     def __init__(self, counts: FrameCounts, now: int = 0) -> None:
         """counts: frame counters of the receiving end."""
@@ -20,7 +20,7 @@ class SilenceWatch:
         """True from the report of a silence until data arrives again."""
 
     def restart(self, now: int) -> None:
-        """Restart the measurement of silence now."""
+        """Restart the measurement of the time without data, now."""
         self._heard_time = now
 
     def length(self, now: int) -> int:
@@ -28,7 +28,7 @@ class SilenceWatch:
         return now - self._heard_time
 
     def is_heard(self, now: int) -> bool:
-        """Return True if a frame arrived since the last `update`, or shortly before it."""
+        """Return True if a frame has arrived since the last call of `update` or at most SHORT_SILENCE ago."""
         return self._counts.accepted != self._accepted or self.length(now) < SHORT_SILENCE
 
     def update(self, now: int) -> str:

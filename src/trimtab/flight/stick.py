@@ -16,7 +16,7 @@ class CompiledStick:
     """Stick of a compiled autopilot. If the control law does not read a stick, moving the stick has no effect."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
-        """step: the compiled autopilot of this scenario."""
+        """step: compiled autopilot of the scenario."""
         self._step = step
         sample = f"samples.{optional_member(scenario.autopilot.law, 'stick')}"
         slots = {f: step.reads[path] for f in FIELDS if (path := f"{sample}.{f}") in step.reads}
@@ -25,7 +25,7 @@ class CompiledStick:
 
     @property
     def is_there(self) -> bool:
-        """True if the law reads a stick."""
+        """True if the control law reads the position of a stick."""
         return self._slots is not None
 
     @property

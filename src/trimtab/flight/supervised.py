@@ -21,7 +21,7 @@ class CompiledSupervisor:
     end …) are ignored."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
-        """step: the compiled autopilot of this scenario."""
+        """step: compiled autopilot of the scenario."""
         self._step = step
         declared = {m.path: m.declaration for m in step.text.outputs}
         paths = ("supervisor.mode", "supervisor.cause")

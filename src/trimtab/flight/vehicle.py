@@ -217,7 +217,7 @@ class LiveVehicle:
                 break
             try:
                 self._run_instant(t, row_log)
-            except InputError as error:  # an FMU refuses a step
+            except InputError as error:  # the vehicle is an FMU that refuses a step
                 self._problems.append(error.problem)
                 self.parts.reporter.report(f"ended: {error.problem}")
                 break

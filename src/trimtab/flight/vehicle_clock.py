@@ -53,7 +53,8 @@ class VehicleClock:
         return [self._endpoint.pack("TIMESYNC", self.sync.ask(now))]
 
     def handle_answer(self, message: Message, now: int) -> bool:
-        """Handle a TIMESYNC message of the vehicle. Return True if it is a second answer to the same request."""
+        """Handle a TIMESYNC message of the vehicle. Return True if this message is a second answer to the same
+        request."""
         if not self.sync.handle_answer(message.get("tc1"), message.get("ts1"), now):
             return bool(self.sync.doubles)
         if self.sync.is_doubtful:
@@ -77,7 +78,7 @@ class VehicleClock:
                 self.untimely = refused
 
     def follow(self) -> None:
-        """Sign packets by the clock of the answering vehicle from now on."""
+        """Sign packets from now on with the time of the vehicle that answered."""
         if self.untimely is not None and self._endpoint.stamps is not None:
             self._endpoint.stamps.follow(self.untimely.stamp)
             remark = (

@@ -54,7 +54,7 @@ class VehicleParts(NamedTuple):
     announcer: Announcer
     parameters: Parameters
     command: MessageGroup
-    """Group of messages that carry a command."""
+    """Group of the MAVLink messages that carry a command."""
     requests: FlightRequests
     identity: IdentityService
     broadcast: Broadcast

@@ -43,11 +43,11 @@ class VirtualDisk:
         self.is_dead = False
         """True once the program whose logs are on this disk has been killed. No more rows are then written."""
         self.hangs = False
-        """True while writes do not return, as on a stalled card. Rows then wait in the ring buffer of each log."""
+        """True while the disk hangs, like a stalled memory card. Rows then wait in the ring buffer of each log."""
         self.logs: list[MemoryLog] = []
 
     def free_bytes(self, folder: Path) -> int:
-        """Return the free space (bytes)."""
+        """Return the free space on this disk (bytes)."""
         return 0 if self.is_full else FREE_BYTES
 
     def open_log(

@@ -71,15 +71,15 @@ class VirtualMachine:
         return program
 
     def interrupt(self) -> None:
-        """Ask the program to end, as Ctrl-C does."""
+        """Request the running program to end, as Ctrl-C does."""
         self.interrupts += 1
 
     def freeze(self, seconds: float) -> None:
-        """Stop the program for some seconds, as SIGSTOP does."""
+        """Freeze the running program for some seconds, as SIGSTOP does."""
         self.time.freeze(self.program, seconds)
 
     def kill(self) -> None:
-        """End the program at once, without clean-up, as SIGKILL does."""
+        """End the program immediately, without clean-up, as SIGKILL does."""
         self.disk.is_dead = True
         self.time.kill(self.program)
 

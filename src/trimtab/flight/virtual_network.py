@@ -26,7 +26,7 @@ class Host(NamedTuple):
 
 
 class Path:
-    """Path from one host to another. All attributes may be changed while programs run."""
+    """Network path from one host to another. All attributes may be changed while programs run."""
 
     def __init__(self, draw: random.Random) -> None:
         self.delay, self.jitter = 0.0002, 0.0
@@ -36,7 +36,7 @@ class Path:
         self.keeps_order = True
         """True if packets arrive in the order in which they were sent."""
         self.cut_until = 0
-        """Time (ns) until which all packets are lost."""
+        """Virtual time (ns) until which all packets on this path are lost."""
         self._draw, self._last = draw, 0
 
     def transit(self, now: int) -> list[int]:
@@ -56,7 +56,7 @@ class Path:
 
 
 class VirtualNetwork:
-    """Sockets of programs, and the paths between their hosts."""
+    """Network in virtual time: sockets of programs, and paths between their hosts."""
 
     def __init__(self, time: VirtualTime) -> None:
         self.time = time
@@ -124,7 +124,7 @@ class VirtualNetwork:
         self.time.add_event(at, PACKET, known.number if known else 0, arrive)
 
     def forget(self, socket: "VirtualSocket") -> None:
-        """Release the address of a socket."""
+        """Remove a socket, so that its address can be used again."""
         if self._sockets.get(socket.address) is socket:
             del self._sockets[socket.address]
 
@@ -242,7 +242,7 @@ class VirtualPair:
         raise BlockingIOError
 
     def close(self) -> None:
-        """Close this end. The other end is notified."""
+        """Close this end of the connection, and wake the owner of the other end."""
         if self._descriptor >= 0:
             self._descriptor = -1
             self.other._announce()

@@ -84,7 +84,7 @@ class VirtualClock:
     """Clock of one program in virtual time."""
 
     def __init__(self, time: "VirtualTime", boot: int, unix_offset: float) -> None:
-        """Start a clock.
+        """Start the clock of a program.
 
         Args:
             time: the virtual time.
@@ -116,7 +116,7 @@ class VirtualTime:
     """Scheduler of programs on one virtual clock. Call `start` for each program, then `run`."""
 
     def __init__(self, seed: int, *, hand_over: Callable[[], None] = lambda: None) -> None:
-        """Start at time zero.
+        """Start with virtual time zero.
 
         Args:
             seed: seed of all random numbers of the run.
@@ -139,7 +139,7 @@ class VirtualTime:
         return random.Random(f"{self.seed}/{name}")
 
     def note(self, *fields: Any) -> None:
-        """Add an event at the current time to the trace."""
+        """Add an entry with the current time to the trace of the run."""
         self._trace.update(repr((self.now, *fields)).encode())
 
     @property
@@ -224,7 +224,7 @@ class VirtualTime:
             raise self._error
 
     def freeze(self, program: VirtualProgram, seconds: float = math.inf) -> None:
-        """Stop a program for some seconds, or until `thaw`, as SIGSTOP does. Packets go on arriving."""
+        """Freeze a program for some seconds, or until `thaw` is called, as SIGSTOP does. Packets still arrive."""
         program.frozen_until = self.now + seconds * NS_PER_SECOND
         if seconds < math.inf:
             self.add_event(round(program.frozen_until), WAKE, program.number, lambda: self._thaw(program))
@@ -235,7 +235,7 @@ class VirtualTime:
         self.add_event(self.now, WAKE, program.number, lambda: self._thaw(program))
 
     def kill(self, program: VirtualProgram) -> None:
-        """End a program at once, without clean-up, as SIGKILL does."""
+        """End a program immediately, without clean-up, as SIGKILL does."""
         if program.has_ended or program.is_killed:
             return
         program.is_killed, program.frozen_until = True, 0

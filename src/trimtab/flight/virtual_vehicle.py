@@ -122,6 +122,9 @@ def check_pace(world: Any, scenario: Scenario) -> None:
     shortest = min(b - a for a, b in itertools.pairwise(times))
     took = world.measure_steps(shortest)
     if took > PACE * to_seconds(shortest):
-        problem = f"a step of the FMU takes {took * 1e3:.3g} ms here, too long for a step every {format_time(shortest)}"
+        problem = (
+            f"computing a step of the FMU takes {took * 1e3:.3g} ms here, too long for a step every "
+            f"{format_time(shortest)}"
+        )
         fix = f"{argument('lockstep', True)} on both sides, or {argument('settings', '50 ms', 'world.max_step')}"
         raise InputError(f"{scenario.name} in real time", problem, fix=fix)

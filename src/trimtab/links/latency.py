@@ -51,7 +51,7 @@ class MeasuredLatency:
     )
     loss: Scalar = imperfection("1", "Probability that a packet is lost.", "loss", high=1)
     send_period: int = period("Time between packets.", default=ms(20))
-    period: int = period("Polling period of the receiving end.", default=ms(1))
+    period: int = period("Period at which the receiving end polls the link.", default=ms(1))
     capacity: int = option("Number of slots of the ring buffer, one per send period.", default=64)
 
     def check(self) -> None:

@@ -49,7 +49,7 @@ class LatencyTrace:
         off={"loss": lambda link: np.zeros_like(link.lost)},
     )
     send_period: int = period("Time between packets.", default=ms(20))
-    period: int = period("Polling period of the receiving end.", default=ms(1))
+    period: int = period("Period at which the receiving end polls the link.", default=ms(1))
     capacity: int = option("Number of slots of the ring buffer, one per send period.", default=64)
 
     def check(self) -> None:
@@ -130,7 +130,7 @@ def read_trace(path: str | Path) -> Trace:
         fix = f"record one: trimtab link-test URI --out DIR; or write CSV text, first line {HEADER}"
         raise InputError(f"{path}", "file not found", fix=fix) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}", f"the file cannot be read as text ({error})", fix="give a CSV text file") from None
+        raise InputError(f"{path}", f"the file cannot be read as text ({error})", fix="use a CSV text file") from None
     return _parse_trace(str(path), text.splitlines())
 
 

@@ -28,7 +28,9 @@ class SlaveBusState:
     """
 
     fifo: Fifo = part("Messages in transit. A message that was dropped because the queue was full counts as lost.")
-    taken: Scalar = quantity("100 ns", "Time up to which slots are reserved for waiting messages.", kind="time")
+    taken: Scalar = quantity(
+        "100 ns", "Time until which the slots of the bus are reserved for waiting messages.", kind="time"
+    )
 
 
 @record
@@ -57,7 +59,7 @@ class SlaveBus:
     queue: int = period(
         "Longest time that a message may be in transit. A message that would take longer is dropped.", default=ms(200)
     )
-    period: int = period("Polling period of the receiving end.", default=ms(1))
+    period: int = period("Period at which the receiving end polls the bus.", default=ms(1))
     capacity: int = option("Number of slots of the ring buffer, one per period.", default=256)
     limited: bool = switch("True if messages take time on the bus, False if they arrive without delay.", "delay")
 

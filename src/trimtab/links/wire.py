@@ -1,4 +1,4 @@
-"""Deterministic links: a wire without delay, and a chain of unit delays."""
+"""Deterministic links: an ideal link (wire) without delay, and a chain of unit delays."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from trimtab.links.fifo import empty_slots, measurement_time, read_slot, receive
 
 @record
 class WireState:
-    """State of a wire's receiving end. Source: docs page."""
+    """State of an ideal link at the receiving end. Source: docs page."""
 
     seen: Scalar = quantity("100 ns", "Measurement time of the sample at the receiving end.", kind="time")
 
@@ -29,7 +29,7 @@ class Wire:
     Frames:  those of the transmitted values.    Not modelled: any delay or loss.    Source: docs page.
     """
 
-    period: int = period("Polling period of the wire.", default=ms(1))
+    period: int = period("Period at which the receiving end polls the link.", default=ms(1))
 
     def init(self, key: Key, like: Sample) -> WireState:
         """Return the initial state, before the first sample is received."""

@@ -23,7 +23,7 @@ class MyEstimatorState:  # kept from one control period to the next
 class MyEstimator:  # its fields are settings: --set autopilot.estimator.share=1
     """Low-pass filter of the measured velocities. Other measurements pass unchanged. Source: this file."""
 
-    sensor: str = option("Name of the sensor.", default="navigation")
+    sensor: str = option("Name of the sensor that the estimator reads.", default="navigation")
     share: Any = quantity("1", "Weight of a new measurement, 1 for no filter.", default=0.3, above=0, high=1)
 
     @property
@@ -51,7 +51,7 @@ class MyEstimator:  # its fields are settings: --set autopilot.estimator.share=1
 
 
 def scenario() -> Scenario:
-    """Return the scenario: a model ship follows way-points in a current. The base's estimator does not filter."""
+    """Return the scenario: a model ship follows way-points in a current. This estimator replaces the base's."""
     base = build("vessel/path")
     autopilot = replace(base.autopilot, estimator=MyEstimator())
     return replace(base, autopilot=autopilot, duration=seconds(20), name="my_estimator")

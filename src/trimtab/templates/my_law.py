@@ -15,7 +15,7 @@ from trimtab.vehicles.surface_vessel import VesselControls
 class MyLawOutput:  # all fields are logged: law.demand.rudder, law.off_course
     """Output of the law: demanded rudder and shaft speed, and heading error. Source: this file."""
 
-    demand: VesselControls = part("Rudder (rad) and shafts (rad/s). For another vehicle, use that vehicle's input.")
+    demand: VesselControls = part("Rudder angle (rad) and shaft speed (rad/s). For another vehicle, use its input.")
     off_course: Scalar = quantity("rad", "Heading minus desired heading.", frame="WB", kind="angle")
 
 

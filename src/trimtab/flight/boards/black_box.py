@@ -1,4 +1,4 @@
-"""Black box of a board: the firmware's records of its last flights.
+"""Black box of a board: records of the last flights, written by the firmware.
 
 This module reads the records from a dump of the flash sectors, made by a debug probe. The layout in flash is described
 in `firmware/portable/journal.h`, the content of a record in `record` of `firmware/portable/vehicle.c`.
@@ -17,7 +17,7 @@ SECTOR = 0x20000
 HEADER, RECORD, ERASED = 16, 32, 0x45524153
 PULSE_COUNTS_PER_SECOND = 2e6
 FAN_DRIVE = ("rudder", "thrust fan", "lift fan")
-"""Outputs of a board with a fan drive. The records of such a board also contain the fan's speed."""
+"""Names of the outputs of a board with a fan drive. The records of such a board also contain the fan's speed."""
 MOST_PULSES = 4
 """Maximum number of pulse widths in a record."""
 
@@ -42,7 +42,7 @@ class FlightRecord(NamedTuple):
     command_age: float
     """Age of the newest command (s). 65.535 means at least 65.535 s."""
     late: int
-    """Number of firmware ticks that started late, since the board was started."""
+    """Number of firmware periods that started late, since the start of the board."""
 
 
 def read_black_box(

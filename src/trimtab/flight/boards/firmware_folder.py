@@ -249,7 +249,8 @@ def driven_fan(scenario: Scenario) -> RegulatedFan:
 
 
 def motor_block(fan: RegulatedFan) -> BlockDefinition:
-    """Define the block of motor, encoder and battery, with duty as input, and speed and count as outputs."""
+    """Define the block of motor, encoder and battery. The input is the duty cycle, and the outputs are speed and
+    encoder count."""
 
     def turn(p: Any, s: Any, now: StepInput) -> Any:
         state, speed_rpm, _ = p.turn(now.t, s, now.input)

@@ -1,9 +1,10 @@
-"""Exported autopilot on an emulated microcontroller: comparison of its results, and measurement of its cost.
+"""Exported autopilot on an emulated microcontroller: check of the computed outputs, and measurement of instructions and
+memory.
 
 ``emulate`` cross-compiles the C of an exported folder with Debian's arm-none-eabi gcc, and runs the autopilot with the
 inputs of ``vectors.csv`` on a board that QEMU emulates. It reads back the outputs bit for bit, the number of
 instructions of every step, and the use of flash, RAM and stack. The firmware around the autopilot is in ``firmware/``.
-docs/export/boards.md explains each number.
+The page docs/export/boards.md explains the results.
 """
 
 import contextlib
@@ -75,7 +76,8 @@ class EmulationResult(NamedTuple):
     library_bytes: int
     """Size (bytes) of the code and constants that autopilot.c needs from the C, mathematics and compiler libraries."""
     ram_bytes: int
-    """Size (bytes) of the four structures, the workspace, and the libraries' static data.
+    """Size (bytes) of the autopilot's data: parameters, state, inputs, outputs, workspace, and static data of the
+    libraries.
 
     autopilot.c has no static data.
     """
@@ -134,13 +136,14 @@ def require_tools(target: str) -> None:
 
 
 def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.0) -> EmulationResult:
-    """Build the autopilot of an exported folder for a target, run its vectors under QEMU, and read the results.
+    """Build the autopilot of an exported folder for a target board, run the autopilot on its test vectors under QEMU,
+    and return the results.
 
     Args:
         folder: folder written by ``trimtab export``: autopilot.h, .c, vectors.h, .c, .csv, export.json.
         target: a key of TARGETS.
         steps: maximum number of steps of vectors.csv.
-        limit_s: time (s) after which the emulator is stopped.
+        limit_s: longest time (s) that the emulator may run.
     """
     if target not in TARGETS:
         raise InputError(f"target {target!r}", "cannot be emulated", choices=TARGETS)

@@ -71,7 +71,7 @@ def rest_header(limits: VehicleLimits) -> str:
 
 
 def _motion_lines(dialect: Dialect) -> list[str]:
-    """Return C code that computes speed and rate of turn from the same sensors as `trimtab vehicle`."""
+    """Return C code that computes speed and rate of turn, from the same sensors as the command `trimtab vehicle`."""
     lines = ["motion samples_motion(const world_out *out)", "{", "    motion m = {NAN, NAN};"]
     for name in ("speed", "rate"):
         sensor, slots = _find_measured(name, dialect)
@@ -113,7 +113,7 @@ def _merging_lines(frame: Frame) -> list[str]:
 
 
 def _sending_lines(name: str, dialect: Dialect) -> list[str]:
-    """Return C code that fills in a message and sends it."""
+    """Return C code that sets the fields of a message and sends the message."""
     low, pad = name.lower(), " " * 8
     lines = [f"{pad}mavlink_{low}_t {low};", f"{pad}memset(&{low}, 0, sizeof {low});"]
     for f in dialect.definitions[name].fields:

@@ -29,7 +29,7 @@ MOST_SESSIONS = 2**24
 
 
 def draw_session() -> int:
-    """Return a random session number, at least 1, for one run of a program on a link."""
+    """Return a random session number, at least 1. Each program draws a session number when it starts."""
     return 1 + secrets.randbelow(MOST_SESSIONS - 1)
 
 
@@ -100,7 +100,7 @@ class Authority:
         return before
 
     def accepts_command(self, sender: Sender) -> bool:
-        """Return True if a sender's command is obeyed.
+        """Return True if the vehicle must obey a command of this sender.
 
         The owner's commands are obeyed. If a ground station has armed the vehicle, the first autopilot of the vehicle's
         own system that sends a command becomes the owner.

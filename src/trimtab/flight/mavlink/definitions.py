@@ -76,12 +76,12 @@ class MessageDefinition(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Number of bytes of the payload, with extensions."""
+        """Number of bytes of the payload, including the extension fields."""
         return self.packing.size
 
     @property
     def blank_values(self) -> list[Any]:
-        """Return the default values of a message."""
+        """Return the default values of all fields of a message, in the order of the payload."""
         values: list[Any] = []
         for f in self.fields:
             values += [b""] if f.type == "char" else [f.default] * f.slots
@@ -174,7 +174,7 @@ class Message(NamedTuple):
         return _field_value(self.definition.where[field], self.values)
 
     def fields(self) -> dict[str, Any]:
-        """Return the values of all fields, by name."""
+        """Return the values of all fields, by field name."""
         return {f.name: _field_value(f, self.values) for f in self.definition.fields}
 
 

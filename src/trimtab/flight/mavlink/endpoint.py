@@ -65,7 +65,7 @@ class FrameCounts:
 
     @property
     def refusals(self) -> int:
-        """Number of complete frames that were refused."""
+        """Number of complete and undamaged frames that were refused."""
         strangers = self.unsigned + self.downgraded + self.wrong_signature
         return self.unknown + strangers + self.replayed + self.stale + self.leading + self.reflected
 
@@ -246,7 +246,7 @@ class Endpoint:
         return b""
 
     def _starts_frame(self, data: bytes) -> bool:
-        """Return True if a packet starts with a complete frame of the dialect."""
+        """Return True if a packet starts with a complete and undamaged frame of the dialect."""
         if len(data) < HEADER.size or data[0] != VERSION_2:
             return False
         _, length, flags, _, _, _, _, low, high = HEADER.unpack_from(data)

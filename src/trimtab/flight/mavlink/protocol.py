@@ -179,7 +179,7 @@ FLIGHT_COMMANDS = {
     RESUME: FlightCommand(CommandCode.OVERRIDE_GOTO, GOTO_CONTINUE, 2),
     END: FlightCommand(CommandCode.LAND, 0, 0),
 }
-"""MAVLink command by which each request is sent over the link."""
+"""MAVLink command that is sent for each request (hold, resume, end), by the request's name."""
 
 
 def parse_request(flight_command: FlightCommand) -> str | None:

@@ -126,7 +126,7 @@ class Stamps:
         return min(max(int((self._clock() - EPOCH) * PER_SECOND) + self._shift, 0), LARGEST)
 
     def next_stamp(self) -> int:
-        """Return a stamp that is greater than all earlier ones."""
+        """Return a new time stamp, which is greater than all earlier time stamps of this end."""
         self._raise_to(min(max(self.last + 1, self._current_stamp()), LARGEST))
         return self.last
 

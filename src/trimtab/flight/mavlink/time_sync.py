@@ -30,7 +30,7 @@ FLOOR = 0.1, ms("0.01")
 """Excess over the shortest round trip that is still treated as zero: a fraction of the shortest round trip, plus a time
 (100 ns)."""
 DRIFT = 1e-4
-"""Assumed standard deviation of the drift between two clocks."""
+"""Assumed standard deviation of the drift between two clocks (s/s)."""
 EXCHANGES_MAX = 600
 
 
@@ -81,7 +81,8 @@ class TimeSync:
 
     @property
     def is_doubtful(self) -> bool:
-        """True if the last exchange disagrees with the earlier ones. The next request should then follow soon."""
+        """True if the offset of the last exchange disagrees with earlier exchanges. The next request should then follow
+        soon."""
         return self._doubtful is not None
 
     def is_open(self, ts1: int) -> bool:

@@ -51,7 +51,7 @@ class PhysicsState(NamedTuple):
 
     @property
     def is_finite(self) -> bool:
-        """Return whether all values are finite numbers."""
+        """Return True if all values are finite numbers."""
         vectors = self.specific_force, self.angular_rate, self.position, self.attitude, self.velocity
         return all(math.isfinite(x) for v in (*vectors, (self.airspeed,)) for x in v)
 

@@ -88,7 +88,7 @@ class PulsedVehicle:
         return "" if self._imu is None else self._imu.name
 
     def set_pulses(self, pulses: Sequence[int]) -> None:
-        """Set the widths of all channels (µs) from now on. A channel without a pulse gets its safe value."""
+        """Set the widths of all channels (µs) from now on. For a channel without a pulse, the safe value is set."""
         widths = np.array([pulses[c - 1] for c in self.channels]) * 1e-6
         widths = np.where(widths > 0, widths, self._safe)
         inputs, reads = self._world.inputs, self._world.reads
@@ -174,7 +174,7 @@ def _check_channels(channels: Sequence[int], outputs: Sequence[PulseOutput], mos
         problem = f"got {len(channels)} channels for the {len(outputs)} elements of a command: {names}"
         raise InputError(part, problem, fix=fix)
     if len(set(channels)) < len(channels) or not all(1 <= c <= most for c in channels):
-        problem = f"{','.join(map(str, channels))} must be different channels from 1 to {most}"
+        problem = f"the channels must be different numbers from 1 to {most}, got {','.join(map(str, channels))}"
         raise InputError(part, problem, fix=fix)
     return tuple(channels)
 

@@ -74,7 +74,8 @@ def read_controls(message: Message) -> ControlFrame | str:
 
 
 def sensor_fields(t: int, state: PhysicsState, around: Surroundings, updated: int) -> Mapping[str, Any]:
-    """Return the fields of HIL_SENSOR for a motion at t (100 ns). updated: bits of the new samples."""
+    """Return the fields of HIL_SENSOR for a motion at t (100 ns). updated: bits of the groups of values that are
+    new."""
     axes = "xyz"
     force = {f"{a}acc": x for a, x in zip(axes, state.specific_force, strict=True)}
     rate = {f"{a}gyro": x for a, x in zip(axes, state.angular_rate, strict=True)}

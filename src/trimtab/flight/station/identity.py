@@ -120,7 +120,8 @@ class IdentityComparison:
         self._count, self._asks, self._next = 0, 0, 0
         self._theirs = self._known = b""
         self.is_known = False
-        """True while the vehicle's identity is known completely, or known to equal the autopilot's identity."""
+        """True while the complete identity of the vehicle is known, or its digest equals that of the autopilot's
+        identity."""
 
     @property
     def is_unanswered(self) -> bool:

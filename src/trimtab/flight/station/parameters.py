@@ -32,7 +32,7 @@ MOST_NUMBERS = 64
 would take minutes."""
 FLOAT = struct.Struct("<f")
 WORD = 4
-"""Number of letters to which the words of a long name are shortened."""
+"""Number of letters that remain of each word when a long name is shortened."""
 HASH, UNSTATED, UNSIGNED_32, NO_INDEX = "_HASH_CHECK", 0, 5, 0xFFFF
 PERIOD = seconds("0.02")
 """Time (100 ns) between two values of a parameter list."""
@@ -212,7 +212,7 @@ class ParameterService:
     ns."""
 
     def __init__(self, endpoint: Endpoint, parameters: Parameters) -> None:
-        """Start with no list requested."""
+        """Start without a requested list of parameters."""
         self._endpoint, self._parameters = endpoint, parameters
         self._listing: deque[int | None] = deque()
         self._sent_at: int | None = None

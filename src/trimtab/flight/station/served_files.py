@@ -42,7 +42,7 @@ class FileEntry(NamedTuple):
 
 
 class OpenFile:
-    """File that is being read."""
+    """File that a ground station is reading."""
 
     def __init__(self, data: bytes | int, size: int) -> None:
         """data: content of the file, or an open file descriptor, which this object closes."""
@@ -73,7 +73,7 @@ class OpenFile:
 
 
 class ServedFiles:
-    """Documents and logs that one vehicle serves."""
+    """Documents and logs that one vehicle serves to ground stations."""
 
     def __init__(
         self,

@@ -85,7 +85,7 @@ class Service(Protocol):
 
     @property
     def names(self) -> Collection[str]:
-        """Names of the messages that the service answers."""
+        """Names of the MAVLink messages that this service answers."""
         ...
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
@@ -93,7 +93,7 @@ class Service(Protocol):
         ...
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return the packets of the service that must be sent now."""
+        """Return the packets of this service that must be sent now."""
         ...
 
 

@@ -95,7 +95,8 @@ class AcceptingDialer:
 
 
 def _count_waiting_bytes(fd: int) -> int | None:
-    """Return 1 if a connection has unread bytes, 0 if it has ended, None if it is open without unread bytes."""
+    """Return 1 if a connection has unread bytes, 0 if the connection has ended, or None if it is open and has no unread
+    bytes."""
     s = socket.socket(fileno=fd)
     try:
         return len(s.recv(1, socket.MSG_PEEK))

@@ -39,7 +39,7 @@ class Address(NamedTuple):
         return InputError(f"link {self.text!r}", problem, choices=choices, fix=fix or EXAMPLES[self.scheme])
 
     def validate_options(self, *names: str) -> Mapping[str, str]:
-        """Return the options of the address. Raise InputError if an option is not in `names`."""
+        """Return the options in the address, by name. Raise InputError if an option is not in `names`."""
         for name in self.options:
             if name not in names:
                 problem = f"{self.scheme} has no option {name!r}"

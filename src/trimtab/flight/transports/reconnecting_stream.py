@@ -24,11 +24,12 @@ SLICE = 0.2
 """Longest single wait (s). The limit ensures that the receiving thread detects that another thread has closed the
 link."""
 PIECE = 65536
-"""Maximum number of bytes that one call reads."""
+"""Maximum number of bytes that one call of `receive` reads."""
 LONGEST_MUTE = 3.0
 """Time (s) without an accepted packet after which a peer loses the link to another peer that sends data."""
 TRIAL = 0.3
-"""Time (s) within which a new peer must send an accepted packet if another peer sends data."""
+"""Time (s) within which a new peer must send an accepted packet. Otherwise it loses the link to another peer that sends
+data."""
 UNFIT = (errno.EMSGSIZE, errno.EINVAL, errno.ENOBUFS, errno.ENOMEM)
 """Error codes (errno) that concern only one packet. After such an error, the connection is kept."""
 
@@ -304,7 +305,7 @@ class ConnectingDialer:
         return (-1, 0) if self._under_way is None else (self._under_way.fileno(), select.POLLOUT)
 
     def exchange(self, fd: int) -> int:
-        """Return -1: the dialer has only one peer."""
+        """Return -1, because this dialer has only one peer."""
         return -1
 
     def close(self) -> None:
@@ -324,7 +325,7 @@ def _is_self_connection(s: socket.socket) -> bool:
 
 
 def configure_socket(s: socket.socket) -> socket.socket:
-    """Make a socket non-blocking, with a small send buffer. Return it."""
+    """Make a socket non-blocking, with a small send buffer, and return the socket."""
     s.setblocking(False)
     with contextlib.suppress(OSError):
         s.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)

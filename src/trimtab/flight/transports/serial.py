@@ -100,7 +100,7 @@ def _opening_error(address: Address, error: OSError) -> Exception:
         else "plug the device in; the command  ls /dev/tty*  lists the devices"
     )
     if error.errno in (errno.EWOULDBLOCK, errno.EBUSY):
-        fix = f"end the other program, which  fuser {address.path}  shows"
+        fix = f"end the other program; the command  fuser {address.path}  shows its process id"
         return address.input_error("another program uses the device", fix)
     if isinstance(error, PermissionError):
         fix = "sudo usermod -a -G dialout $USER, and log in again"
