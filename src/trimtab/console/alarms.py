@@ -94,7 +94,9 @@ class Flight:
     def _monitor_alarms(self) -> list[Alarm]:
         broken = [name for name in self._monitored if self._read_mode(f"monitor.{name}.verdict") == VIOLATED]
         numbers = {name: self.read(f"monitor.{name}.robustness") for name in broken}
-        return [Alarm(f"monitor-{n}", ALARM, f"{n} is violated, robustness {x:.3g}") for n, x in numbers.items()]
+        return [
+            Alarm(f"monitor-{n}", ALARM, f"the formula {n} is violated, robustness {x:.3g}") for n, x in numbers.items()
+        ]
 
     def _age_alarms(self, now: float) -> list[Alarm]:
         found = []

@@ -69,7 +69,7 @@ def parse_message(text: str, role: str) -> dict[str, Any]:
     """Parse a message of a page. Raise ValueError, with the reason, if the message is not valid."""
     message = json.loads(text)
     if not isinstance(message, dict):
-        raise ValueError("not a JSON object")
+        raise ValueError("the message is not a JSON object")
     kind = message.get("type")
     fields = MESSAGES.get(kind) if isinstance(kind, str) else None
     if fields is None:

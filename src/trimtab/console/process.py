@@ -69,7 +69,11 @@ def start_server(
     said = process.stdout.readline()
     if not said:
         end_server(process)
-        raise InputError(argument_name("console"), "the server did not start", fix="read the server's output above")
+        raise InputError(
+            argument_name("console"),
+            "the server of the console did not start",
+            fix="read the output of the server above",
+        )
     return process, json.loads(said)
 
 

@@ -51,7 +51,7 @@ def record_flight(log: Log, title: str, file: str = "", scenario: Scenario | Non
         scenario: scenario that defines beacons, fence and set-points, or None if it is unknown.
     """
     if not len(log):
-        raise InputError(title, "has no rows", fix="use a log of a flight")
+        raise InputError(title, "has no rows", fix="use the log of a run or a flight")
     log = with_flight(log)
     slots = log.ticks // ROW_PERIOD
     kept = np.concatenate([[True], np.diff(slots) > 0])

@@ -169,7 +169,7 @@ def _write_archive(path: Path, files: dict[str, bytes]) -> None:
                 entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
                 archive.writestr(entry, files[name])
     except OSError as error:
-        problem = f"cannot write {str(path)!r}: {(error.strerror or str(error)).lower()}"
+        problem = f"cannot write the file {str(path)!r}: {(error.strerror or str(error)).lower()}"
         raise InputError(
             argument_name("out"),
             problem,

@@ -86,7 +86,7 @@ def _differences(got: Any, wanted: Any, exact: bool) -> Any:
     size."""
     kind = object if exact else np.float64
     got, wanted = np.asarray(got, kind), np.asarray(wanted, kind)
-    with np.errstate(invalid="ignore"):  # the difference of two infinities is NaN
+    with np.errstate(invalid="ignore"):  # the difference of two equal infinities is NaN
         off = np.abs(got - wanted).astype(np.float64)
     same = (got == wanted) | ((got != got) & (wanted != wanted))
     return np.where(same, 0.0, np.where(np.isnan(off), np.inf, off))

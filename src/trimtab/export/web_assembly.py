@@ -167,7 +167,7 @@ def write_web_page(flight: WebFlight, folder: Path) -> list[Path]:
         for name, content in texts.items():
             (folder / name).write_bytes(content)
     except OSError as error:
-        problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
+        problem = f"cannot write in the folder {str(folder)!r}: {(error.strerror or str(error)).lower()}"
         raise InputError(
             argument_name("out"),
             problem,
@@ -319,6 +319,8 @@ def _compile_program(block: BlockText, glue: str) -> bytes:
         if done.returncode:
             said = "\n".join(done.stderr.splitlines()[:20])
             raise InputError(
-                "export --wasm", f"clang reported an error:\n{said}", fix="report this error, with the scenario's name"
+                "export --wasm",
+                f"clang reported an error:\n{said}",
+                fix="report this error, together with the name of the scenario",
             )
         return (folder / "loop.wasm").read_bytes()

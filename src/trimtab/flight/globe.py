@@ -36,14 +36,16 @@ def parse_origin(text: str) -> Place:
         latitude, longitude, height = map(float, text.split(","))
     except ValueError:
         raise InputError(
-            argument_name("origin"), f"{text!r} must be LAT,LON,ALT", fix=argument("origin", "38.9897,-76.9378,20")
+            argument_name("origin"),
+            f"the position {text!r} must have the form LAT,LON,ALT",
+            fix=argument("origin", "38.9897,-76.9378,20"),
         ) from None
     place = Place(math.radians(latitude), math.radians(longitude), height)
     if not is_on_globe(place):
         raise InputError(
             argument_name("origin"),
             f"{text!r}: latitude, longitude or height is out of range",
-            fix="give LAT,LON,ALT: -90 to 90 degrees north, -180 to 180 degrees east, metres above the sea",
+            fix="write LAT,LON,ALT: -90 to 90 degrees north, -180 to 180 degrees east, metres above the sea",
         )
     return place
 
@@ -111,7 +113,9 @@ class Globe:
         """
         latitude, longitude = (math.radians(message.get(n) * DEGREES) for n in ("latitude", "longitude"))
         place = Place(latitude, longitude, message.get("altitude") * 1e-3)
-        problem = "the vehicle is armed" if is_armed else "" if is_on_globe(place) else "coordinates out of range"
+        problem = (
+            "the vehicle is armed" if is_armed else "" if is_on_globe(place) else "the coordinates are out of range"
+        )
         if not problem:
             self._set_origin(place)
         fields, text = self.origin_fields(now), f"Origin not set: {problem}"

@@ -34,7 +34,7 @@ def read_parameters(file: Path | None, scenario: str) -> dict[str, str]:
         owner, parameters = content["scenario"], dict(content["parameters"])
         settings = {str(path): json.dumps(value) for path, value in parameters.items()}
     except (OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(part, f"cannot be read: {error}", fix=fix) from None
+        raise InputError(part, f"the file cannot be read: {error}", fix=fix) from None
     if owner != scenario:
         raise InputError(
             part,

@@ -100,7 +100,7 @@ class RemoteVehicle:
             return  # a router forwards messages of ground stations and other vehicles
         elif message.name == "TIMESYNC":
             if self.clock.handle_answer(message, now):
-                self.comparison.note_second_vehicle(message, "two answers to one time request")
+                self.comparison.note_second_vehicle(message, "two different answers to one time request")
         elif message.name == "STATUSTEXT":
             text = self._texts.join(message)
             if text:

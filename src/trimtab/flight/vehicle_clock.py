@@ -60,7 +60,7 @@ class VehicleClock:
         if self.sync.is_doubtful:
             self._next = now
             return False
-        if self.sync.jumps != self._jumps:  # e.g. the vehicle was restarted
+        if self.sync.jumps != self._jumps:  # e.g. because the vehicle was restarted
             self._jumps, self._answers = self.sync.jumps, 0
             self._tell("the vehicle's clock has changed")
         self._answers = min(self._answers + 1, QUICK_ANSWERS)

@@ -220,7 +220,7 @@ def bluetooth_link(
             "bluetooth",
             f"the table has no path {path!r}{why}",
             choices=SEND_PERIODS,
-            fix="make one link for each direction",
+            fix="make one link for each direction, up and down",
         )
     row = TABLE[pair][path]
     table = gamma_table(row.mean_ms / 1e3, row.sd_ms / 1e3, (row.min_ms - BELOW_MIN_MS) / 1e3)

@@ -63,7 +63,7 @@ def read_black_box(
         InputError: the dump has a wrong size, no sector is in use, or there are more outputs than a record can contain.
     """
     if not 1 <= len(outputs) <= MOST_PULSES:
-        problem = f"must be 1 to {MOST_PULSES} outputs, got {len(outputs)}: {', '.join(outputs)}"
+        problem = f"a board must have 1 to {MOST_PULSES} outputs, got {len(outputs)}: {', '.join(outputs)}"
         raise InputError(
             "outputs", problem, fix="set outputs=output_names(scenario), with the scenario of the firmware"
         )

@@ -141,7 +141,7 @@ def write_firmware(
         files.append(_write_key(folder / "key.bin", key, clock.unix()))
         write_c_headers(dialect, folder / "mavlink")
     except OSError as error:
-        problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
+        problem = f"cannot write in the folder {str(folder)!r}: {(error.strerror or str(error)).lower()}"
         raise InputError(
             argument_name("out"),
             problem,

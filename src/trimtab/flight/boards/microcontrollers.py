@@ -179,7 +179,7 @@ def read_vectors(folder: Path, steps: int = STEPS) -> BoardVectors:
             rows = [[float(cell) for cell in line.split(",")] for line in itertools.islice(file, steps)]
     except (OSError, ValueError) as error:
         fix = "write the folder again with `trimtab export`"
-        raise InputError(str(folder), f"vectors cannot be read: {error}", fix=fix) from error
+        raise InputError(str(folder), f"the test vectors cannot be read: {error}", fix=fix) from error
     counts = dict(re.findall(r"\b(VECTORS_IN|VECTORS_OUT)\s*=\s*(\d+)", header))
     n_in, n_out = int(counts.get("VECTORS_IN", -1)), int(counts.get("VECTORS_OUT", -1))
     widths = sorted({len(names), *map(len, rows)})
@@ -187,7 +187,7 @@ def read_vectors(folder: Path, steps: int = STEPS) -> BoardVectors:
         problem = (
             f"vectors.csv has {len(rows)} steps, and header and rows of {' and '.join(map(str, widths))} columns; "
         )
-        problem += f"vectors.h says {n_in} inputs and {n_out} outputs"
+        problem += f"vectors.h defines {n_in} inputs and {n_out} outputs"
         raise InputError(str(folder), problem, fix="write the folder again with `trimtab export`")
     table = np.array(rows)
     return BoardVectors(table[:, :n_in], table[:, n_in:], tuple(names[n_in:]))
@@ -239,7 +239,7 @@ def _run_gcc(arguments: list[str | Path], board: BoardTarget, build: Path, folde
     done = subprocess.run(command, cwd=build, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     if done.returncode:
         first = "\n".join(done.stderr.strip().splitlines()[:8])
-        raise InputError(str(folder), f"does not build for the board:\n{first}")
+        raise InputError(str(folder), f"the autopilot cannot be compiled for the board:\n{first}")
 
 
 def _read_sizes(files: list[str], build: Path) -> list[tuple[int, int, int]]:
@@ -266,7 +266,7 @@ def _run_emulator(board: BoardTarget, build: Path, limit_s: float) -> str:
                     resource.prlimit(emulator.pid, resource.RLIMIT_CPU, (seconds, seconds))
             _, errors = emulator.communicate(timeout=limit_s)
         except subprocess.TimeoutExpired:
-            errors = f"the emulator was ended after {limit_s:g} s"
+            errors = f"the emulator was stopped after {limit_s:g} s, before the end of the test"
         finally:
             emulator.kill()
     said = build / "said.txt"

@@ -77,7 +77,7 @@ def write_c_headers(dialect: Dialect, folder: Path) -> Path:
         with GENERATOR_LOCK:
             _run_generator(generator, dialect, folder, "C")
     except OSError as error:
-        problem = f"cannot be written: {error.strerror or error}"
+        problem = f"the folder cannot be written: {error.strerror or error}"
         raise InputError(f"C headers in '{folder}'", problem, fix="choose a folder that you can write") from None
     return folder
 

@@ -71,13 +71,14 @@ def create_key(path: Path, passphrase: str = "") -> SigningKey:
             os.fsync(file.fileno())
     except FileExistsError:
         problem = (
-            "already exists; if it were replaced, packets signed with the existing key would no longer be accepted"
+            "the file already exists; if it were replaced, packets signed with the existing key would no longer be "
+            "accepted"
         )
         raise InputError(
             f"key file '{path}'", problem, fix=f"use the existing key, or first remove it:  rm '{path}'"
         ) from None
     except OSError as error:
-        problem = f"cannot be written: {error.strerror or error}"
+        problem = f"the file cannot be written: {error.strerror or error}"
         raise InputError(f"key file '{path}'", problem, fix="choose a folder that you can write") from None
     return passphrase_key(passphrase, path)
 
@@ -92,7 +93,7 @@ def load_key(path: Path) -> SigningKey:
             f"make a key by create_key(Path({str(path)!r})) on one computer, and copy the file to the other computer "
             "by hand"
         )
-        raise InputError(where, f"cannot be read: {error.strerror or error}", fix=fix) from None
+        raise InputError(where, f"the file cannot be read: {error.strerror or error}", fix=fix) from None
     try:
         _check_key_file(where, path, os.fstat(descriptor))
         text = os.read(descriptor, LONGEST_FILE + 1)
@@ -104,20 +105,21 @@ def load_key(path: Path) -> SigningKey:
         return passphrase_key(text.decode("ascii").strip(), path)
     except (UnicodeDecodeError, InputError):
         problem = (
-            f"contains no key: the file must have one line of at least {SHORTEST_PASSPHRASE} printable ASCII characters"
+            f"the file contains no key: it must have one line of at least {SHORTEST_PASSPHRASE} printable ASCII "
+            "characters"
         )
         raise InputError(
-            where, problem, fix="copy the key file again from the other end, or make a new key for both ends"
+            where, problem, fix="copy the key file again from the other computer, or make a new key for both"
         ) from None
 
 
 def _check_key_file(where: str, path: Path, about: os.stat_result) -> None:
     if not stat.S_ISREG(about.st_mode):
-        raise InputError(where, "is not a file", fix="give the path of a key file")
+        raise InputError(where, "the path is not a file", fix="use the path of a key file")
     if not hasattr(os, "getuid"):
         return
     if about.st_uid != os.getuid():
-        raise InputError(where, "belongs to another user", fix=f"chown {os.getuid()} '{path}'")
+        raise InputError(where, "the file belongs to another user", fix=f"chown {os.getuid()} '{path}'")
     if about.st_mode & 0o077:
-        problem = f"other users can read or change it (mode {stat.S_IMODE(about.st_mode):04o})"
+        problem = f"the file is not secret: other users can read or change it (mode {stat.S_IMODE(about.st_mode):04o})"
         raise InputError(where, problem, fix=f"chmod 600 '{path}'")

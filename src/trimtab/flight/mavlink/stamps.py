@@ -218,7 +218,7 @@ class Stamps:
             os.fsync(self._file)
         except OSError:
             self.unsaved += 1
-            ceiling = self.last + PER_SECOND  # try to store again in a second
+            ceiling = self.last + PER_SECOND  # after a failure, try again in a second
         self._ceiling = ceiling
 
 
@@ -228,7 +228,7 @@ def _open_store(store: Path) -> int:
         store.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         file = os.open(store, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
     except OSError as error:
-        problem = f"cannot be written: {error.strerror or error}"
+        problem = f"the file cannot be written: {error.strerror or error}"
         raise InputError(where, problem, fix="keep the key file in a folder that you can write") from None
     try:
         if fcntl is not None:
@@ -249,5 +249,5 @@ def _read_store(file: int, store: Path) -> int:
         if 0 <= stamp <= LARGEST:
             return stamp
     os.close(file)
-    problem = f"contains {text[:32]!r} instead of a time stamp"
+    problem = f"the file contains {text[:32]!r} instead of a time stamp"
     raise InputError(f"time stamps '{store}'", problem, fix=f"rm '{store}'  on a machine whose clock is right")
