@@ -54,8 +54,8 @@ class OpenFile:
         return isinstance(self._data, int)
 
     def read(self, offset: int, size: int) -> bytes:
-        """Return `size` bytes of the file from `offset` on. At the end of the file there are fewer bytes, and if the
-        disk fails there are no bytes."""
+        """Return `size` bytes of the file from `offset` on. The result is shorter at the end of the file, and empty if
+        the disk fails."""
         size = max(min(size, self.size - offset), 0)
         if isinstance(self._data, bytes):
             return self._data[offset : offset + size]
