@@ -39,8 +39,7 @@ class FrameCounts:
     disordered: int = 0
     """Number of frames from senders whose sequence numbers jump, so that the number of their lost frames is unknown."""
     checksum: int = 0
-    """Number of frames with a wrong checksum: damaged frames, or frames from a sender with other message
-    definitions."""
+    """Number of frames with a wrong checksum: damaged, or from a sender with other message definitions."""
     unknown: int = 0
     """Number of frames with a message that is not in this endpoint's dialect."""
     unsigned: int = 0
@@ -52,8 +51,7 @@ class FrameCounts:
     replayed: int = 0
     """Number of refused frames with a valid signature that had already been received (replayed frames)."""
     stale: int = 0
-    """Number of refused frames with a valid signature whose time stamp is earlier than this endpoint's start, or over a
-    minute old."""
+    """Number of refused frames with a valid signature but an old time stamp: over a minute, or before the start."""
     leading: int = 0
     """Number of refused frames with a valid signature whose time stamp is too far in the future."""
     reflected: int = 0
@@ -100,8 +98,7 @@ NO_FRAME, NOT_YET = -1, 0
 START = re.compile(rb"[\xfd\xfe]")
 """Pattern of the first byte of a frame, of MAVLink 2 or MAVLink 1."""
 MOST_FALSE_STARTS = 32
-"""Maximum number of false frame starts in one packet, so that a packet full of false starts cannot delay the control
-loop."""
+"""Maximum number of false frame starts in one packet, so that a flood of them cannot delay the control loop."""
 
 
 class Endpoint:
@@ -141,8 +138,7 @@ class Endpoint:
         self.untimely: list[UntimelyMessage] = []
         """Messages in the last call of `feed` that were refused only because of their time stamp."""
         self.is_asked_by_stranger = False
-        """True if, in the last call of `feed`, a sender with this system id asked for the time without a valid
-        signature, as `fly` does."""
+        """True if a sender with this system id asked for the time without a valid signature, in the last `feed`."""
         own = (name for names in dialect.groups.values() for name in names)
         self._any_order = {"TIMESYNC", "TUNNEL", "COMMAND_ACK", *own}
 
@@ -177,15 +173,13 @@ class Endpoint:
         return self._make_frame(definition, payload.rstrip(b"\0") or b"\0", numbering)
 
     def repack(self, frame: bytes) -> bytes:
-        """Return a frame of this endpoint with a new sequence number and signature, for the second group of receivers
-        (the ground stations)."""
+        """Return a frame of this endpoint with a new sequence number and signature, for the ground stations."""
         _, length, _, _, _, _, component, low, high = HEADER.unpack_from(frame)
         definition = self.dialect.by_id[low | high << 16]
         return self._make_frame(definition, frame[HEADER.size : HEADER.size + length], Numbering(component, True))
 
     def forward(self, message: Message) -> bytes:
-        """Return a frame that forwards a message of another component of this system to the receivers that did not get
-        the message."""
+        """Return a frame that forwards a message of another component of this system to the ground stations."""
         definition = message.definition
         payload = definition.packing.pack(*message.values).rstrip(b"\0") or b"\0"
         return self._make_frame(definition, payload, Numbering(message.component, True))
@@ -209,8 +203,7 @@ class Endpoint:
         return digest.digest()[:6]
 
     def feed(self, data: bytes | None) -> list[Message]:
-        """Process received bytes, and return the accepted messages that are now complete, in the order of arrival.
-        Raise no exceptions."""
+        """Process received bytes, and return the accepted messages, in the order of arrival. Raise no exceptions."""
         self.untimely, self.is_asked_by_stranger = [], False
         if not data:
             return []
@@ -349,14 +342,12 @@ class Endpoint:
         self.counts.disordered += disordered
 
     def begin_anew(self) -> None:
-        """Treat the next frame of each sender as the sender's first frame, so that discarded frames do not count as
-        lost."""
+        """Treat the next frame of each sender as its first frame, so that discarded frames do not count as lost."""
         self._gaps.clear()
         self._rest = b""
 
     def store_stamps(self) -> None:
-        """Store a future time stamp next to the key. Call this every few seconds, in a thread that may wait for a
-        disk."""
+        """Store a future time stamp. Call this every few seconds, in a thread that may wait for a disk."""
         if self.stamps is not None:
             self.stamps.store_ahead()
 
@@ -383,8 +374,7 @@ def checksum(data: bytes, extra: int) -> bytes:
 def _open_stamps(key: SigningKey, name: str, clock: Callable[[], float] | None, is_reset: bool) -> Stamps:
     """Return the object that makes and checks the time stamps of an endpoint.
 
-    name: part of the name of the file, next to the key, in which the time stamp is stored. It differs between
-    endpoints.
+    name: part of the name of the file, next to the key, in which the time stamp is stored. It must be unique.
     """
     store = None if key.path is None else key.path.with_name(f"{key.path.name}.{name}.time")
     return Stamps(store, clock, is_reset=is_reset)
