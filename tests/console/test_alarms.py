@@ -124,7 +124,7 @@ def test_a_formula_that_is_broken_is_an_alarm_as_long_as_it_is():
     for verdict, robustness, wanted in (
         (0.0, 0.0, {}),
         (1.0, 0.5, {}),
-        (2.0, -0.125, {"monitor-turn": (ALARM, "turn is violated, robustness -0.125")}),
+        (2.0, -0.125, {"monitor-turn": (ALARM, "the formula turn is violated, robustness -0.125")}),
         (1.0, 0.5, {}),
     ):
         values = SIGNALS | more | {"monitor.turn.verdict": verdict, "monitor.turn.robustness": robustness}

@@ -65,7 +65,7 @@ def test_rejects_source_with_compiler_warnings(folder):
 def test_detects_undefined_behaviour(folder):
     bad = "double room[2] = {0, 0};\n    volatile int k = 2;\n    room[k] = p->law.k1;\n    out->law.lyapunov = room[k]"
     edit(folder / "autopilot.c", "out->law.lyapunov = ", f"{bad}; out->law.lyapunov = ")
-    with pytest.raises(InputError, match="stopped with"):
+    with pytest.raises(InputError, match="ended with exit code"):
         verify_folder(folder)
 
 

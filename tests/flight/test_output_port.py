@@ -70,5 +70,5 @@ def test_rejects_memory_folder_accessible_to_others(tmp_path, monkeypatch):
     folder = memory_folder()
     assert folder.stat().st_mode & 0o077 == 0
     folder.chmod(0o755)
-    with pytest.raises(PermissionError, match="others have access"):
+    with pytest.raises(PermissionError, match="other users have access"):
         memory_folder()

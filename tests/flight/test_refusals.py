@@ -108,7 +108,7 @@ def test_vehicle_clock_once_ahead_is_followed_or_reset(tmp_path):
         assert fix(refused).partition("   ")[0].endswith("--clock vehicle")
         flown = ends.fly("clock", "--clock", "vehicle")
         assert flown.status == 0
-        assert "signing by the vehicle's clock, +8" in flown.said
+        assert "signed by the vehicle's clock, which is +8" in flown.said
     finally:
         ends.close()
     ends = Ends(tmp_path, "--clock", "computer")

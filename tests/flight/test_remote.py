@@ -120,7 +120,7 @@ def test_unsigned_frames_and_wrong_keys_are_distinguished():
     line.beat(sender=stranger)
     assert line.remote.heartbeat_time is None
     problem = line.remote.find_problem("a/b")
-    assert problem.problem == "wrong key: the vehicle does not sign, and this end accepts signed frames only"
+    assert problem.problem == "wrong key: the vehicle does not sign its frames, and this end accepts signed frames only"
     assert "--unsigned" in problem.fix
     line.beat(sender=Endpoint(DIALECT, 1, 1, passphrase_key("another-passphrase-than-that")))
     assert "another key than this end" in line.remote.find_problem("a/b").problem

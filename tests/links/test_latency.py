@@ -35,7 +35,7 @@ def test_the_table_holds_the_quantiles_of_a_shifted_gamma_distribution():
 
 @pytest.mark.parametrize("moments", [(0.03, 0.008, 0.03), (0.03, 0.0, 0.01), (0.03, 0.008, -0.01), (np.nan, 1, 0)])
 def test_rejects_moments_without_a_gamma_distribution(moments):
-    with pytest.raises(InputError, match="give no distribution"):
+    with pytest.raises(InputError, match="do not define a distribution"):
         gamma_table(*moments)
 
 

@@ -84,8 +84,8 @@ def test_trace_with_all_packets_lost_never_delivers(drive):
         (HEAD + "0.0,0.04\n0.02,inf\n", ", line 3", "latency_s is 'inf', not a finite number"),
         (HEAD + "0.0,0.04\n,0.04\n", ", line 3", "sent_s is '', not a finite number"),
         (HEAD + "0.04,0.04\n0.02,0.04\n", ", line 3", r"sent at 0.02 s, before the packet above it \(0.04 s\)"),
-        (HEAD + "0.0,0.04,1\n0.02,0.04\n", ", line 2", "fields in '0.0,0.04,1': 3, must be 2"),
-        (HEAD + "0.0\n0.02,0.04\n", ", line 2", "fields in '0.0': 1, must be 2"),
+        (HEAD + "0.0,0.04,1\n0.02,0.04\n", ", line 2", "the line '0.0,0.04,1' has 3 fields, but must have 2"),
+        (HEAD + "0.0\n0.02,0.04\n", ", line 2", "the line '0.0' has 1 fields, but must have 2"),
     ],
 )
 def test_rejects_malformed_trace_file(tmp_path, text, where, why):

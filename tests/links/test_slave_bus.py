@@ -117,7 +117,7 @@ def test_invalid_settings_are_rejected():
         replace(SlaveBus(), bit_rate=5.5e3).check()
     with pytest.raises(InputError, match="capacity"):
         replace(SlaveBus(), queue=ms(400)).check()
-    with pytest.raises(InputError, match="bytes per piece"):
+    with pytest.raises(InputError, match="a size is not valid"):
         replace(SlaveBus(), piece=0).check()
     with pytest.raises(InputError, match="no imperfection"):
         without(SlaveBus(), "loss")

@@ -1,7 +1,9 @@
-"""Access control of a console: a token in the URL is exchanged for a cookie. Other hosts and origins are refused.
+"""Access control of a console. A token in the URL is exchanged for a cookie. Requests that name another host, or come
+from pages of another origin, are refused.
 
-A page of another site may make a browser send requests to this server, but it can neither read the cookie nor forge the
-origin of a socket. A foreign name that resolves to this machine (DNS rebinding) is not a host of this server.
+A page of another site may make a browser send requests to this server, but the page can neither read the cookie nor
+forge the origin of a web socket. Requests with a foreign host name that resolves to this machine (DNS rebinding) are
+refused.
 Source: OWASP, Cross-Site WebSocket Hijacking; docs page, Trust.
 """
 
@@ -16,7 +18,8 @@ from typing import Any
 PILOT, OBSERVER = "pilot", "observer"
 TOKEN_BYTES = 24
 MOST_WRONG_TOKENS, WRONG_PERIOD = 10, 60.0
-"""Maximum number of wrong tokens within a period (s). After that number, all tokens are refused for the period."""
+"""Maximum number of wrong tokens within a period, and this period (s). After this number, all tokens are refused until
+the wrong tokens are older than the period."""
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "[::1]")
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
@@ -29,10 +32,10 @@ HEADERS = {
 
 
 class Access:
-    """Tokens of a console for pilots and observers, and cookies for which the tokens are exchanged."""
+    """Tokens of a console for pilots and for observers, and the cookies that a browser gets for a token."""
 
     def __init__(self, host: str, port: int, is_encrypted: bool, note: Callable[[str], None]) -> None:
-        """note: function that is called with a message for each refused attempt."""
+        """note: function that is called with a message for each refused token."""
         self._note = note
         self._tokens = {role: secrets.token_urlsafe(TOKEN_BYTES) for role in (PILOT, OBSERVER)}
         self._sessions = {role: secrets.token_urlsafe(TOKEN_BYTES) for role in (PILOT, OBSERVER)}
@@ -44,7 +47,7 @@ class Access:
         self._first_host = f"{names[0]}:{port}"
 
     def url(self, role: str) -> str:
-        """Return the URL, with a token, that a pilot or an observer opens."""
+        """Return the URL, including the token, for a pilot or an observer."""
         return f"{self._scheme}://{self._first_host}/?token={self._tokens[role]}"
 
     def is_own_host(self, host: str) -> bool:
@@ -52,12 +55,12 @@ class Access:
         return host.lower() in self._hosts
 
     def is_own_origin(self, origin: str) -> bool:
-        """Return True if a socket was opened by a page of this server."""
+        """Return True if a web socket was opened by a page of this server."""
         scheme, _, host = origin.partition("://")
         return scheme == self._scheme and self.is_own_host(host)
 
     def exchange(self, token: str) -> str | None:
-        """Return the cookie for a token; None for a wrong token, or after too many wrong tokens."""
+        """Return the cookie for a token, or None if the token is wrong or too many wrong tokens were used."""
         now = time.monotonic()
         if len(self._wrong) == MOST_WRONG_TOKENS and now - self._wrong[0] < WRONG_PERIOD:
             return None
@@ -65,11 +68,11 @@ class Access:
             if hmac.compare_digest(token.encode(), own.encode()):
                 return self._session_cookie(role)
         self._wrong.append(now)
-        self._note(f"console: wrong token; {len(self._wrong)} wrong tokens recently")
+        self._note(f"console: a wrong token was used; {len(self._wrong)} wrong tokens recently")
         return None
 
     def role(self, headers: Mapping[str, str]) -> str | None:
-        """Return the role (pilot or observer) to which a request's cookie belongs; None without a valid cookie."""
+        """Return the role (pilot or observer) of a request's cookie, or None without a valid cookie."""
         cookies: SimpleCookie = SimpleCookie()
         try:
             cookies.load(headers.get("cookie", ""))

@@ -1,4 +1,4 @@
-"""Network address of a console: reachable from this machine only, or encrypted with TLS."""
+"""Network address of a console, which is reachable only from this machine, or encrypted with TLS."""
 
 import contextlib
 import ipaddress
@@ -13,9 +13,10 @@ NEEDS = ("starlette", "uvicorn", "websockets")
 
 
 class ConsoleAddress(NamedTuple):
-    """Address on which a console listens.
+    """Network address on which a console listens.
 
-    certificate, private_key: files for TLS; without them, only this machine is served.  opens: True opens a browser.
+    certificate, private_key: files for TLS. Without these files, only browsers on this machine are served.  opens: True
+    to open a browser.
     """
 
     host: str = "127.0.0.1"
@@ -25,7 +26,7 @@ class ConsoleAddress(NamedTuple):
     opens: bool = False
 
     def check(self) -> None:
-        """Raise InputError if other machines could reach the address without encryption, or a library is missing."""
+        """Raise InputError if other machines could reach the address without encryption, or if a library is missing."""
         missing = [name for name in NEEDS if find_spec(name) is None]
         if missing:
             problem = f"{missing[0]} is not installed"
@@ -47,7 +48,7 @@ class ConsoleAddress(NamedTuple):
 
     @property
     def files(self) -> dict[str, str | None]:
-        """Return the paths of the TLS certificate and private key by option name."""
+        """Return the paths of the TLS certificate and of the private key, by option name."""
         own = {"certificate": self.certificate, "private_key": self.private_key}
         return {name: None if file is None else str(file) for name, file in own.items()}
 
@@ -59,7 +60,7 @@ class ConsoleAddress(NamedTuple):
 
 
 def open_listener(address: ConsoleAddress) -> socket.socket:
-    """Open the socket to which pages connect, and return it."""
+    """Open the socket to which pages connect, and return the socket."""
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -68,6 +69,6 @@ def open_listener(address: ConsoleAddress) -> socket.socket:
     except OSError as error:
         listener.close()
         problem = f"cannot listen on {address.host}:{address.port}: {(error.strerror or str(error)).lower()}"
-        raise InputError(argument_name("port"), problem, fix=f"{argument('port', 0)} takes a free port") from None
+        raise InputError(argument_name("port"), problem, fix=f"{argument('port', 0)} selects a free port") from None
     listener.listen(64)
     return listener

@@ -1,6 +1,7 @@
-"""Alarms, link statistics and allowed requests of a flight, computed from its rows.
+"""Alarms, link statistics and allowed requests of a flight, computed from the rows of its signals.
 
-An alarm persists as long as its cause, even after it is acknowledged. Every start and end of an alarm is logged.
+An alarm is shown as long as its cause persists, even after a pilot has acknowledged the alarm. Every start and end of
+an alarm is logged.
 Source: docs page, Console.
 """
 
@@ -14,16 +15,18 @@ from trimtab.loop.supervisor_modes import CAUSES, ENDED, ENDED_BY, FAULT, LOST, 
 
 ALARM, WARNING = "alarm", "warning"
 MUTE = 0.5
-"""Time without a row (s) after which the autopilot counts as not responding."""
+"""Time (s) without a row of signals after which the autopilot counts as not responding."""
 WARN_SHARE = 0.7
-"""Fraction of the maximum age of data above which a warning is shown."""
+"""Age of data above which a warning is shown, as a fraction of the maximum age."""
 LOSS_WINDOW = 2.0
 OVERRUN_WINDOW, MOST_OVERRUNS = 2.0, 20
-"""Time window (s), and maximum number of overruns in it without a warning. A few overruns are normal on a computer."""
+"""Time window (s), and maximum number of overruns in the window without a warning. A few overruns are normal on an
+ordinary computer."""
 
 
 class Alarm(NamedTuple):
-    """Alarm or warning. id: name of the alarm, which stays the same while the numbers in its text change."""
+    """Alarm or warning of a flight. id: name of the alarm, which remains the same while the numbers in the alarm's text
+    change."""
 
     id: str
     level: str
@@ -31,10 +34,10 @@ class Alarm(NamedTuple):
 
 
 class Flight:
-    """State of a flight as known to a console: the newest value of each signal, by path."""
+    """State of a flight as known to a console: the newest value of each signal, and active alarms."""
 
     def __init__(self, hello: Mapping[str, Any]) -> None:
-        """hello: first message to the pages, which lists the signals of a row."""
+        """hello: first message to the pages, which describes the signals in a row."""
         self._slots = {s["path"]: k for k, s in enumerate(hello["signals"])}
         self._ages: Sequence[Mapping[str, Any]] = hello["ages"]
         self._monitored = [path.split(".")[1] for path in self._slots if re.fullmatch(r"monitor\.\w+\.verdict", path)]
@@ -42,20 +45,21 @@ class Flight:
         self._row: Any = ()
         self.t, self.clock = math.nan, -math.inf
         self.piloted_since: float | None = None
-        """Time (s, server's clock) at which the pilot took the stick. Kept if the pilot leaves without releasing it."""
+        """Time (s, server's clock) at which a pilot took the stick. The time is kept if the pilot leaves without
+        releasing the stick."""
         self._was_armed = False
         self._overruns: list[tuple[float, float]] = []
         self._counts: list[tuple[float, float, float]] = []
 
     def take_row(self, t: float, clock: float, row: Any) -> None:
-        """Store the newest row, one number for each signal."""
+        """Store the newest row, which has one number for each signal."""
         self.t, self.clock, self._row = t, clock, row
         self._was_armed |= bool(self.read("vehicle.armed"))
         kept = [c for c in self._overruns if clock - c[0] <= OVERRUN_WINDOW]
         self._overruns = [*kept, (clock, self.read("loop.overruns"))]
 
     def read(self, path: str) -> float:
-        """Return the newest value of a signal; NaN if the signal is unknown or no row has arrived."""
+        """Return the newest value of a signal, or NaN if the signal is unknown or no row has arrived."""
         k = self._slots.get(path)
         return math.nan if k is None or not len(self._row) else float(self._row[k])
 
@@ -90,7 +94,9 @@ class Flight:
     def _monitor_alarms(self) -> list[Alarm]:
         broken = [name for name in self._monitored if self._read_mode(f"monitor.{name}.verdict") == VIOLATED]
         numbers = {name: self.read(f"monitor.{name}.robustness") for name in broken}
-        return [Alarm(f"monitor-{n}", ALARM, f"{n} is violated, robustness {x:.3g}") for n, x in numbers.items()]
+        return [
+            Alarm(f"monitor-{n}", ALARM, f"the formula {n} is violated, robustness {x:.3g}") for n, x in numbers.items()
+        ]
 
     def _age_alarms(self, now: float) -> list[Alarm]:
         found = []
@@ -99,7 +105,7 @@ class Flight:
             if label == "stick":
                 if self.piloted_since is None or not self.read("vehicle.armed"):
                     continue
-                value = min(value, now - self.piloted_since)  # samples of an earlier pilot do not count
+                value = min(value, now - self.piloted_since)  # stick samples of an earlier pilot do not count
             if value > WARN_SHARE * limit:
                 level = ALARM if value > limit else WARNING
                 found.append(Alarm(f"age-{label}", level, f"{label} {value:.2f} s old, limit {limit:g} s"))
@@ -113,7 +119,7 @@ class Flight:
         return [Alarm("overrun", WARNING, text)]
 
     def explain_requests(self) -> dict[str, dict[str, Any]]:
-        """Return for each request of a pilot whether it is allowed, and the reason if it is not allowed."""
+        """Return the requests of a pilot, each with True if the request is allowed, otherwise with the reason."""
         mode, check = self._read_mode("supervisor.mode"), self._read_mode("supervisor.check")
         armed = bool(self.read("vehicle.armed") == 1)
         if mode is None:
@@ -122,11 +128,11 @@ class Flight:
         else:
             why = explain_requests(mode, check or 0)
             if not armed and mode not in (FAULT, ENDED):
-                why["arm"] = ""  # the vehicle decides by its own checks
+                why["arm"] = ""  # the vehicle's own checks decide about arming
         return {request: {"allowed": not text, "why": text} for request, text in why.items()}
 
     def describe_link(self, timing: Mapping[str, Any]) -> dict[str, Any]:
-        """Return statistics of the link. An unknown number becomes null."""
+        """Return the statistics of the link for the pages. An unknown number becomes null in JSON."""
         ages = [self.read(a["path"]) for a in self._ages if a["path"].startswith("downlink.") and a["label"] != "stick"]
         down = min((a for a in ages if not math.isnan(a)), default=math.nan)
         now = (self.clock, self.read("link.samples"), self.read("link.lost"))

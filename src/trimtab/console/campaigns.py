@@ -1,7 +1,8 @@
-"""Server side of a campaign's page, which shows each run as a point. A run can be repeated and compared with the
-nominal run.
+"""Server side of the page of a campaign. The page shows each run as a point, and can repeat a run and compare it with
+the nominal run.
 
-A store is untrusted data. The scenario that a store names is run only if the catalogue contains it.
+The store of a campaign is untrusted data. The scenario that a store names is run only if trimtab's catalogue contains
+this scenario.
 Source: docs page, Protocol of the console.
 """
 
@@ -27,19 +28,21 @@ from trimtab.scenarios.catalogue import load_scenario, scenario_names
 OUTCOMES = ("success", "lost")
 VERDICTS = ("failed", "succeeded")
 MOST_FLIGHTS = 200
-"""Maximum number of repeated runs. After that number, the user must restart the server."""
+"""Maximum number of runs that one server repeats. After this number, the user must restart the server."""
 
 
 class CampaignFeed:
-    """Source of a campaign's data for the pages, read from the campaign's store."""
+    """Source of a campaign's data for the pages. It reads the campaign's store."""
 
     def __init__(self, folder: Path) -> None:
-        """folder: folder of the store. Raises InputError if the store's scenario is not in the catalogue."""
+        """folder: folder of the campaign's store. Raises InputError if the scenario of the store is not in the
+        catalogue."""
         attributes, self._columns = read_store(folder)
         plan = attributes["plan"]
         if plan["scenario"] not in scenario_names():
             problem = (
-                f"belongs to {plan['scenario']!r}, which is not in the catalogue; files named by a store are never run"
+                f"the store belongs to the scenario {plan['scenario']!r}, which is not in the catalogue; files named "
+                "by a store are never run"
             )
             raise InputError(
                 f"store {str(folder)!r}", problem, fix="trimtab campaign FILE.py:FUNCTION --store … --rerun RUN"
@@ -55,7 +58,8 @@ class CampaignFeed:
         self.feed = RecordingFeed(hello | empty | {"row_period": 0.02, "view": {"kind": "plain"}}, ())
 
     def routes(self) -> list[BaseRoute]:
-        """Return the HTTP routes that serve the rows of the campaign, repeat a run, and serve the repeated runs."""
+        """Return the HTTP routes that serve the table of the campaign's runs, repeat a run, and serve the repeated
+        runs."""
         return [
             Route("/campaign/rows", self._give_rows),
             Route("/campaign/fly", self._fly, methods=["POST"]),
@@ -85,7 +89,7 @@ class CampaignFeed:
         except (ValueError, KeyError, TypeError):
             run = None
         if not isinstance(run, int) or isinstance(run, bool) or run not in np.asarray(self._columns["run"]):
-            return PlainTextResponse("the body must contain the number of a run\n", 400, HEADERS)
+            return PlainTextResponse("the body of the request must contain the number of a run\n", 400, HEADERS)
         if len(self.feed.flights) >= MOST_FLIGHTS:
             return PlainTextResponse("too many runs were repeated: restart the console\n", 429, HEADERS)
         async with self._lock:

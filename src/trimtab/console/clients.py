@@ -1,7 +1,9 @@
-"""Connected pages of a console. A slow page gets only the newest row. Messages from pages are checked and limited.
+"""Connections to the pages of a console. A slow page gets only the newest row of signals. Content and rate of a page's
+messages are checked.
 
-The server closes the connection to a page that accepts no data for LONGEST_SEND (s), or that sends invalid, too large
-or too frequent messages. Only messages of known types, with values of the right kind, reach the flight.
+The server closes the connection to a page if the page accepts no data for LONGEST_SEND (s), or if it sends invalid, too
+large or too frequent messages. Only messages of known types, with values of the expected types, are passed to the
+flight.
 """
 
 import asyncio
@@ -22,7 +24,7 @@ LARGEST_MESSAGE = 4096
 MOST_MESSAGES = 200
 """Maximum number of messages per second from a page."""
 MOST_TEXTS = 500
-"""Maximum number of messages queued for a page. The oldest messages in excess are dropped."""
+"""Maximum number of messages in the queue for a page. If the queue is full, the oldest message is dropped."""
 LONGEST_SEND = 5.0
 LAST_READ = 0.1
 VIOLATION = 1008
@@ -58,25 +60,25 @@ MESSAGES: Mapping[str, Mapping[str, Check]] = {
     "set": {"path": _is_name, "slot": _is_count, "value": _is_number, **ANSWERED},
     "save": ANSWERED,
 }
-"""Type of a message -> its other fields, each with a function that checks the value."""
+"""Fields of each type of message, by the type. Each field has a function that checks the field's value."""
 OBSERVED = ("ping", "acknowledge")
 """Types of messages that an observer may send."""
 
 
 def parse_message(text: str, role: str) -> dict[str, Any]:
-    """Parse a message of a page. Raise ValueError, with the reason, if the message is invalid."""
+    """Parse a message of a page. Raise ValueError, with the reason, if the message is not valid."""
     message = json.loads(text)
     if not isinstance(message, dict):
-        raise ValueError("not a JSON object")
+        raise ValueError("the message is not a JSON object")
     kind = message.get("type")
     fields = MESSAGES.get(kind) if isinstance(kind, str) else None
     if fields is None:
         raise ValueError(f"unknown type {str(kind)[:40]!r}")
     if role != PILOT and kind not in OBSERVED:
-        raise ValueError(f"an observer must not send {kind!r}")
+        raise ValueError(f"an observer must not send the message {kind!r}")
     for name, is_good in fields.items():
         if not is_good(message.get(name)):
-            raise ValueError(f"{kind!r} has an invalid {name!r}")
+            raise ValueError(f"the message {kind!r} has an invalid field {name!r}")
     return {"type": kind, **{name: message[name] for name in fields}}
 
 
@@ -84,7 +86,7 @@ class Client:
     """Connection of one page to the server."""
 
     def __init__(self, number: int, role: str, socket: WebSocket) -> None:
-        """number: number of the page, shown in events."""
+        """number: number of the page, by which events name the page."""
         self.number, self.role, self._socket = number, role, socket
         self._texts: deque[str] = deque(maxlen=MOST_TEXTS)
         self._row: bytes | None = None
@@ -92,20 +94,21 @@ class Client:
         self._second, self._count = 0.0, 0
 
     def send(self, message: Mapping[str, Any]) -> None:
-        """Queue a message for the page. If the queue is full, its oldest message is dropped."""
+        """Queue a message for the page. If the queue is full, the oldest message is dropped."""
         self._texts.append(json.dumps(message, allow_nan=False))
         self._wake.set()
 
     def send_row(self, row: bytes) -> None:
-        """Send a row when the page is ready, unless a newer row replaces it before."""
+        """Store a row, to be sent when the page is ready. A newer row replaces a row that is not sent yet."""
         self._row = row
         self._wake.set()
 
     async def serve(self, handle: Callable[["Client", dict[str, Any]], None]) -> str:
-        """Serve the page until its connection is closed. Return the reason, or "" if the page left by itself."""
+        """Serve the page until its connection is closed. Return the reason why the server closed the connection, or ""
+        if the page closed it."""
         tasks = [asyncio.create_task(self._read(handle)), asyncio.create_task(self._feed())]
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        await asyncio.wait(tasks, timeout=LAST_READ)  # the reading task returns the reason for a broken socket
+        await asyncio.wait(tasks, timeout=LAST_READ)  # for a broken socket, the reading task returns the reason
         for task in tasks:
             task.cancel()
         ended = await asyncio.gather(*tasks, return_exceptions=True)
@@ -126,7 +129,7 @@ class Client:
                 if row is not None:
                     await asyncio.wait_for(self._socket.send_bytes(row), LONGEST_SEND)
         except TimeoutError:
-            return f"the page received nothing for {LONGEST_SEND:g} s"
+            return f"the page accepted no data for {LONGEST_SEND:g} s"
         except (WebSocketDisconnect, RuntimeError, OSError):
             return ""
 

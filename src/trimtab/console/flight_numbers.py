@@ -1,7 +1,8 @@
 """Derived signals of a vehicle that moves in three dimensions, for the pages: roll, pitch, yaw, altitude and speeds.
 
-For a recording, `logs.spatial.with_flight` derives the signals from the truth. For a live flight, this module derives
-them from the estimate, in the console's process, so that the flight itself has no extra work.
+For a recording, `logs.spatial.with_flight` derives the signals from the true state. For a live flight, this module
+derives the signals from the estimate. It runs in the console's process, so that the flight itself has no additional
+work.
 Source: docs page, Protocol of the console.
 """
 
@@ -21,10 +22,11 @@ TURN = 2 * np.pi
 
 
 class FlightNumbers:
-    """Derived signals appended to the rows of a flight. Without an estimated attitude, no signals are appended."""
+    """Derived signals that are appended to the rows of a flight. Without an estimated attitude, no signals are
+    appended."""
 
     def __init__(self, signals: Sequence[Mapping[str, Any]]) -> None:
-        """signals: signals of a row, in order, as the first message to a page (hello) describes them."""
+        """signals: descriptions of the signals of a row, in order, as in the first message to a page (hello)."""
         own = [s for s in signals if not s["path"].startswith(FLIGHT)]
         slots: dict[str, list[int]] = {}
         declared: dict[str, Quantity] = {}
@@ -35,14 +37,15 @@ class FlightNumbers:
                 declared[number[1]] = Quantity(signal["unit"], signal["meaning"], signal["frame"], signal["kind"])
         found = find_spatial({path: (len(at),) for path, at in slots.items()}, declared)
         self.found = found if found is not None and found.frame == "W" else None
-        """Signals of the estimate from which the appended signals are derived, or None."""
+        """Signals of the estimate from which the appended signals are derived, or None without an estimated
+        attitude."""
         self._slots = {path: slots[path] for path in (self.found or ())[:4] if path}
         order = {signal["path"]: k for k, signal in enumerate(own)}
         self._named = {} if self.found else {n: order[p] for n, p in find_named(order, ESTIMATE).items()}
         self._before: dict[str, float] = {}
         names = self._work_out(np.zeros(len(own)))
         self.declared = {FLIGHT + name: DECLARED[name] for name in names}
-        """Path -> declaration, for each signal that is appended to a row."""
+        """Declaration of each signal that is appended to a row, by path."""
 
     def extend(self, row: bytes) -> bytes:
         """Return a row of the flight with the derived signals appended."""

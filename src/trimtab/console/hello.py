@@ -1,4 +1,5 @@
-"""First message to a page (hello): signals of a row, drawing of the craft, possible requests, and parameters.
+"""First message from a console's server to a page (hello): signals of a row, data to draw the vehicle, possible
+requests, and parameters.
 
 Source: docs page, Protocol of the console.
 """
@@ -26,14 +27,14 @@ from trimtab.loop.supervisor_modes import CAUSES, MODES, REQUESTS
 
 TRUTH = "truth."
 STALE_AGE = 0.4
-"""Maximum age of a sample (s) in a flight without a supervisor. It equals the supervisor's default."""
+"""Maximum age (s) of a sample in a flight without a supervisor, equal to the default of a supervisor."""
 SPEEDS = ("ground_speed", "climb", "air_speed")
 LENGTH = 0.6
-"""Default length (m) of a craft in a view."""
+"""Default length (m) of the vehicle in a drawing."""
 
 
 def describe_flight(autopilot: LiveAutopilot, line: ConsoleLine) -> dict[str, Any]:
-    """Choose the signals that are sent to the page, and return the description of a live flight."""
+    """Set the signals that are sent to the page, and return the description of a live flight."""
     scenario, step = autopilot.scenario, autopilot.autopilot_end.step
     rows = FlightRows(autopilot.autopilot_end.log_sources(), FLIGHT_SIGNALS)
     signals = [describe_signal(s.path, s.declared) for s in line.set_rows(rows)]
@@ -56,13 +57,14 @@ def describe_flight(autopilot: LiveAutopilot, line: ConsoleLine) -> dict[str, An
 
 
 def shorten_hash(choices: Any) -> str:
-    """Return the short hash of a scenario's calibration; "" if the scenario has no calibration."""
+    """Return the short hash of a scenario's calibration, or "" if the scenario has no calibration."""
     used = choices.get("calibration") if choices else None
     return "" if used is None else str(used["sha256"])[:8]
 
 
 def describe_signal(path: str, declared: Quantity | None) -> dict[str, Any]:
-    """Return the description of a signal: path, unit, meaning, kind, modes and frame."""
+    """Return the description of a signal for the page: path, unit, meaning, kind, names of modes, and coordinate
+    frame."""
     if declared is None:
         return {"path": path, "unit": "", "meaning": "", "kind": "real", "modes": None, "frame": ""}
     named = {"path": path, "unit": declared.unit, "meaning": declared.doc, "kind": declared.kind}
@@ -70,7 +72,8 @@ def describe_signal(path: str, declared: Quantity | None) -> dict[str, Any]:
 
 
 def describe_view(paths: Sequence[str], scenario: Scenario | None) -> dict[str, Any]:
-    """Return a description of how the page draws the craft: horizon, view from above or from the side, or none."""
+    """Return the data from which the page draws the vehicle: artificial horizon, view from above, view from the side,
+    or no drawing."""
     known = set(paths)
 
     def pick(prefix: str, names: Mapping[str, str]) -> dict[str, str] | None:
@@ -110,7 +113,8 @@ def describe_view(paths: Sequence[str], scenario: Scenario | None) -> dict[str, 
 
 
 def _describe_plan(pose: Mapping[str, str | None], scenario: Scenario | None) -> dict[str, Any]:
-    """Return the description of a view from above. pose: name -> path of the signal."""
+    """Return the data of a view from above. pose: path of the signal for each element of the pose, by the element's
+    name."""
     return {
         "pose": dict(pose),
         "velocity": None,
@@ -123,7 +127,7 @@ def _describe_plan(pose: Mapping[str, str | None], scenario: Scenario | None) ->
 
 
 def _list_beacons(scenario: Scenario) -> list[list[float]]:
-    """Return north and east (m) of each beacon that a sensor uses."""
+    """Return the position, north and east (m), of each beacon that a sensor uses."""
     found = [v for path, v, _ in leaves(scenario.world, "") if path.endswith("beacons.map")]
     return [] if not found else np.asarray(found[0], float)[:, :2].tolist()
 
@@ -136,7 +140,8 @@ def _describe_fence(scenario: Scenario) -> dict[str, list[float]] | None:
 
 
 def list_set_points(scenario: Scenario, paths: Sequence[str]) -> dict[str, float | str]:
-    """Return path of a true or estimated signal -> set-point: a target's value, or the path of a signal of the law."""
+    """Return the set-point of each true or estimated signal that has one, by the signal's path. A set-point is the
+    value of a target, or the path of a signal of the control law."""
     found: dict[str, float | str] = {}
     for target in scenario.targets:
         name = target.path.removeprefix(TRUTH)
@@ -166,7 +171,7 @@ def _describe_pilot(
 
 
 def _list_ages(scenario: Scenario, paths: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the signals that give the age of data, each with label and limit, as the page shows them."""
+    """Return the signals that contain the age of data, each with label and limit for the page."""
     supervisor = scenario.autopilot.supervisor
     stale = STALE_AGE if supervisor is None else float(supervisor.stale_age)
     ages = [("estimate.age", "estimate", stale), ("link.silence", "link", to_seconds(SILENCE))]

@@ -1,4 +1,5 @@
-"""Connection between a flight and its pages: rows and events go to all pages, pilots' requests go to the flight."""
+"""Connection between a flight and its pages. Rows of signals and events are sent to all pages, and requests of pilots
+are passed to the flight."""
 
 import asyncio
 import json
@@ -21,14 +22,14 @@ STATUS_PERIOD = 0.2
 EVENTS_KEPT = 200
 """Maximum number of past events that are sent to a new page."""
 MUTABLE = ("request", "stop", "set", "save")
-"""Types of pages' messages that are forwarded to the flight unchanged."""
+"""Types of messages from pages that are forwarded to the flight unchanged."""
 
 
 class LiveFeed:
-    """Console's end of the connection to a live flight."""
+    """Console's end of the connection between a live flight and its console."""
 
     def __init__(self, end: socket.socket, hello: dict[str, Any], ended: Callable[[], None]) -> None:
-        """end: one end of a socket pair; the flight has the other end.
+        """end: one end of a socket pair, whose other end belongs to the flight.
 
         ended: function that is called at the end of the flight.
         """
@@ -39,7 +40,7 @@ class LiveFeed:
         self._count = 0
         self._pilot: int | None = None
         self._stick_clock = 0.0
-        """Time at which the pilot last sent a stick position, or took the stick (s)."""
+        """Time (s) at which a pilot last sent a stick position or took the stick."""
         self._events: list[dict[str, Any]] = []
         self._checks: list[Any] = []
         self._timing: dict[str, Any] = {}
@@ -47,14 +48,15 @@ class LiveFeed:
         self._values = {(p["path"], p["slot"]): p for p in hello["parameters"]}
 
     def join(self, client: Client) -> None:
-        """Add a page, and send the page the description of the flight and the events so far."""
+        """Add a page, and send it the description of the flight and the last events."""
         client.send({"type": "hello", "role": client.role, **self.hello})
         for event in self._events:
             client.send(event)
         self.clients.append(client)
 
     def leave(self, client: Client, why: str) -> None:
-        """Remove a page. If the page had the stick, nothing is sent: the dead-man switch acts on the missing data."""
+        """Remove a page. If the page had the stick, the stick is not released: the dead man's switch acts on the
+        missing data."""
         self.clients.remove(client)
         if self._pilot == client.number:
             self._pilot = None
@@ -71,7 +73,7 @@ class LiveFeed:
         self._tell({"type": "note", "text": text})
 
     def handle(self, client: Client, message: dict[str, Any]) -> None:
-        """Handle a message of a page."""
+        """Handle a message that a page has sent."""
         kind, number = message["type"], client.number
         if kind == "ping":
             client.send({"type": "pong", "sent": message["sent"], "clock": time.monotonic()})
@@ -94,7 +96,7 @@ class LiveFeed:
     def _take(self, client: Client, id: int) -> None:
         holder = self._pilot
         if self.hello["pilot"] is None:
-            text = "this scenario's law does not use a stick"
+            text = "the control law of this scenario does not use a stick"
         elif holder not in (None, client.number):
             text = f"page {holder} has the stick"
         else:
@@ -130,7 +132,7 @@ class LiveFeed:
                 self._publish_status()
 
     def _read(self) -> None:
-        """Read all waiting packets of the flight. If there are several rows, only the newest is used."""
+        """Read all packets that have arrived from the flight. Of several rows, only the newest row is used."""
         row: bytes | None = None
         while True:
             try:
@@ -221,5 +223,5 @@ class LiveFeed:
 
 
 def row_size(signals: int) -> int:
-    """Return the size (bytes) of a row with this number of signals, as sent to a page."""
+    """Return the size (bytes) of a row with `signals` signals, as sent to a page."""
     return HEAD.size + struct.calcsize("<f") * signals

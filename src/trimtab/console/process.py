@@ -1,4 +1,4 @@
-"""Start and end of the process that serves a console."""
+"""Functions that start and end the process of a console's server."""
 
 import contextlib
 import json
@@ -17,7 +17,7 @@ END_S = 5.0
 
 
 class Console(NamedTuple):
-    """Running console. url: address for the pilot.  observer: address for observers."""
+    """Running console. url: URL for pilots.  observer: URL for observers."""
 
     line: ConsoleLine
     url: str
@@ -29,7 +29,7 @@ def open_console(address: ConsoleAddress, describe: Callable[[ConsoleLine], Mapp
     """Run a console during a flight.
 
     Args:
-        address: address to listen on.
+        address: network address on which the console listens.
         describe: function that makes the first message to the pages, see `hello.describe_flight`.
     """
     address.check()
@@ -52,7 +52,7 @@ def start_server(
     orders: Mapping[str, Any],
     pass_fds: tuple[int, ...] = (),
 ) -> tuple["subprocess.Popen[bytes]", Mapping[str, str]]:
-    """Start the process of a server, and return the first line that the process prints."""
+    """Start the process of a server. Return the process, and the first line that it prints."""
     about = {"host": address.host, "listener": listener.fileno(), **address.files, **orders}
     process = subprocess.Popen(
         [sys.executable, "-m", module],
@@ -69,12 +69,16 @@ def start_server(
     said = process.stdout.readline()
     if not said:
         end_server(process)
-        raise InputError(argument_name("console"), "the server did not start", fix="read the server's output above")
+        raise InputError(
+            argument_name("console"),
+            "the server of the console did not start",
+            fix="read the output of the server above",
+        )
     return process, json.loads(said)
 
 
 def end_server(process: "subprocess.Popen[bytes]") -> None:
-    """End the process of a server. Kill the process if it does not end by itself."""
+    """End the process of a server. If the process does not end in time, kill it."""
     assert process.stdin is not None
     with contextlib.suppress(OSError):
         process.stdin.close()

@@ -1,6 +1,7 @@
-"""Recorded flights: conversion of logs to the form that pages need, and source of that data for the server.
+"""Recorded flights in a console: conversion of logs to the format of the pages, and the source of these data for the
+server.
 
-A log is untrusted data. The scenario that a log names is used only if the catalogue contains it.
+A log is untrusted data. The scenario that a log names is used only if trimtab's catalogue contains this scenario.
 Source: docs page, Protocol of the console.
 """
 
@@ -30,7 +31,8 @@ from trimtab.scenarios.recorded import rebuild_scenario
 class Recording(NamedTuple):
     """Recorded flight.
 
-    rows: bytes of all rows; a row is a float64 time and a float32 for each signal. about: description for the pages.
+    rows: bytes of all rows. A row is a time as float64 and a float32 for each signal.  about: description of the
+    recording for the pages.
     """
 
     about: Mapping[str, Any]
@@ -39,16 +41,17 @@ class Recording(NamedTuple):
 
 
 def record_flight(log: Log, title: str, file: str = "", scenario: Scenario | None = None) -> Recording:
-    """Convert a log to a recording for the pages, with at most the row rate of a live flight.
+    """Convert a log to a recording for the pages. Rows are left out if the log has a higher row rate than a live
+    flight.
 
     Args:
         log: log of a run or a flight.
         title: title that the page shows.
         file: path of the log.
-        scenario: scenario from which beacons, fence and set-points are taken; None: unknown.
+        scenario: scenario that defines beacons, fence and set-points, or None if it is unknown.
     """
     if not len(log):
-        raise InputError(title, "has no rows", fix="give a log of a flight")
+        raise InputError(title, "has no rows", fix="use the log of a run or a flight")
     log = with_flight(log)
     slots = log.ticks // ROW_PERIOD
     kept = np.concatenate([[True], np.diff(slots) > 0])
@@ -76,7 +79,7 @@ def record_flight(log: Log, title: str, file: str = "", scenario: Scenario | Non
 
 
 def _list_columns(log: Log) -> tuple[list[dict[str, Any]], list[Any]]:
-    """Return descriptions and values of the shown signals, chosen as in `flight.console_line`."""
+    """Return descriptions and values of the signals that the page shows, selected as in `flight.console_line`."""
     names, columns = [], []
     for path in log.paths:
         declared, values = log.declarations.get(path), np.asarray(log[path])
@@ -95,7 +98,8 @@ def _list_columns(log: Log) -> tuple[list[dict[str, Any]], list[Any]]:
 
 
 def load_recording(file: Path) -> Recording:
-    """Load a log from a file. Beacons and fence are shown if the catalogue contains the log's scenario."""
+    """Load a log from a file, and convert it to a recording. Beacons and fence are shown if the catalogue contains the
+    log's scenario."""
     log = read_mcap(file)
     try:
         scenario = rebuild_scenario(log)
@@ -105,10 +109,10 @@ def load_recording(file: Path) -> Recording:
 
 
 class RecordingFeed:
-    """Source of data for pages without a live flight: a first message (hello), and recorded flights by number."""
+    """Source of data for pages without a live flight: the first message (hello), and recorded flights by number."""
 
     def __init__(self, hello: Mapping[str, Any], flights: Sequence[Recording]) -> None:
-        """hello: first message to a page, without the list of flights."""
+        """hello: first message to a page, without the list of recorded flights."""
         self._hello, self.flights = hello, list(flights)
         self.clients: list[Client] = []
         self._count = 0
@@ -128,7 +132,7 @@ class RecordingFeed:
         return self._count
 
     def handle(self, client: Client, message: dict[str, Any]) -> None:
-        """Ignore messages: there is no live flight."""
+        """Ignore messages of pages, because there is no live flight."""
 
     def routes(self) -> list[BaseRoute]:
         """Return the HTTP routes that serve recorded flights."""
@@ -155,6 +159,7 @@ def describe_recordings(flights: Sequence[Recording]) -> dict[str, Any]:
 
 
 def _blank(about: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of the first message for drawing the craft, with empty entries for control of a flight."""
+    """Return the part of the first message that describes the drawing of the vehicle, with empty values for the control
+    of a flight."""
     drawn = {name: about[name] for name in ("signals", "row_period", "view", "set_points")}
     return drawn | {"parameters": [], "supervisor": None, "pilot": None, "ages": []}

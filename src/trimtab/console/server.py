@@ -1,7 +1,7 @@
-"""Process that serves a console. `console.process` starts it, and sends its settings to standard input.
+"""Process of a console's server. `console.process` starts the process, and writes the settings to its standard input.
 
-The process ends with the flight, or when standard input closes because the flying process has ended. It never blocks
-the flight.
+The process ends when the flight ends, or when standard input closes because the flying process has ended. It never
+blocks the flight.
 """
 
 import asyncio
@@ -36,21 +36,23 @@ TYPES = {
     ".png": "image/png",
 }
 MOST_CLIENTS = 32
-NO_COOKIE = "no cookie: open the address with the token that was printed at the start"
-"""Reason to refuse a client without a cookie. Not logged for HTTP, because browsers request an icon by themselves."""
+NO_COOKIE = "the request has no valid cookie: open the address with the token that was printed at the start"
+"""Reason to refuse a request without a valid cookie. It is not logged for HTTP requests, because browsers request an
+icon automatically."""
 LAST_WORDS = 0.5
-"""Time (s) before the end for sending the last messages to the pages."""
+"""Time (s) to send the last messages to the pages before the server ends."""
 
 
 class Guard:
-    """Access check. It refuses requests without a cookie, and requests to a host name that is not this server's."""
+    """Access check of the web application. It refuses requests without a valid cookie, requests that name another host,
+    and web sockets from pages of another origin."""
 
     def __init__(self, app: ASGIApp, access: Access, note: Callable[[str], None]) -> None:
         """note: function that is called with a message for each refused request."""
         self._app, self._access, self._note = app, access, note
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, or refuse it."""
+        """Pass a request on to the web application, or refuse the request."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
@@ -66,7 +68,7 @@ class Guard:
 
     def _find_refusal(self, scope: Scope, headers: dict[str, str]) -> str:
         if not self._access.is_own_host(headers.get("host", "")):
-            return f"the host {headers.get('host', '')[:80]!r} is not this server's"
+            return f"the host {headers.get('host', '')[:80]!r} is not a host name of this server"
         may_change = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
         if may_change and not self._access.is_own_origin(headers.get("origin", "")):
             return f"a request from the origin {headers.get('origin', '')[:80]!r}"
@@ -87,7 +89,7 @@ def make_app(access: Access, feed: Any, note: Callable[[str], None], more: list[
 
     Args:
         access: access control.
-        feed: source of the pages' data, with join, leave, handle and next_number like `LiveFeed`.
+        feed: source of the pages' data, with the methods join, leave, handle and next_number of `LiveFeed`.
         note: function that is called with a message for each refused request.
         more: additional HTTP routes.
     """
@@ -106,7 +108,7 @@ def make_app(access: Access, feed: Any, note: Callable[[str], None], more: list[
 
     async def serve_socket(socket: WebSocket) -> None:
         if len(feed.clients) >= MOST_CLIENTS:
-            note(f"console: refused: more than {MOST_CLIENTS} pages")
+            note(f"console: a page was refused, because {MOST_CLIENTS} pages are already open")
             await socket.close(VIOLATION)
             return
         await socket.accept()
@@ -128,7 +130,7 @@ def make_app(access: Access, feed: Any, note: Callable[[str], None], more: list[
 
 
 def _file(path: str) -> Response:
-    """Return a file of the page. Files outside the page's folder are refused."""
+    """Return a file of the console's page. Files outside the page's folder are refused."""
     file = (PAGE / path).resolve()
     if PAGE not in file.parents or not file.is_file() or file.suffix not in TYPES:
         return PlainTextResponse("no such page\n", 404, HEADERS)
@@ -144,7 +146,8 @@ async def serve(
 ) -> None:
     """Serve a web application until `over` is set.
 
-    files: paths of certificate and private_key for TLS, or None.  run: coroutine function to run beside the server.
+    files: paths of certificate and private_key for TLS, or None.  run: coroutine function that runs in parallel with
+    the server.
     """
     config = uvicorn.Config(
         app,
@@ -170,7 +173,8 @@ async def serve(
 
 
 async def serve_here(address: ConsoleAddress, feed: Any, routes: list[BaseRoute], tell: Callable[[str], None]) -> None:
-    """Serve pages without a live flight, until interrupted. tell: function that is called with the pages' URL."""
+    """Serve pages without a live flight until the user interrupts the server. tell: function that is called with a text
+    that contains the URL."""
     over = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, over.set)
@@ -184,7 +188,7 @@ async def serve_here(address: ConsoleAddress, feed: Any, routes: list[BaseRoute]
 
 
 def watch_parent(over: asyncio.Event) -> None:
-    """Set `over` when standard input closes, which means that the flying process has ended."""
+    """Set the event `over` when standard input closes, which means that the flying process has ended."""
 
     def look() -> None:
         if not os.read(sys.stdin.fileno(), 4096):
@@ -195,7 +199,7 @@ def watch_parent(over: asyncio.Event) -> None:
 
 
 def main() -> None:
-    """Serve the console of one flight, with settings from standard input."""
+    """Serve the console of one flight, with the settings that are read from standard input."""
     orders = json.loads(sys.stdin.readline())
     listener = socket.socket(fileno=orders["listener"])
     port = listener.getsockname()[1]

@@ -1,1 +1,1 @@
-"""Export of autopilots, vehicles and closed loops: as C with its own test, as an FMU, and as a WebAssembly page."""
+"""Export of autopilots, vehicles and closed loops: as C code with a test, as an FMU, and as a WebAssembly page."""

@@ -1,6 +1,7 @@
-"""Export of a scenario's autopilot, or of its whole closed loop, as C for a microcontroller, with a test.
+"""Export of a scenario's autopilot, or of the complete closed loop, as C code for a microcontroller, with a test of
+this code.
 
-The test data are steps of a simulated run.
+The test data are inputs and outputs of a simulated run.
 """
 
 from pathlib import Path
@@ -27,7 +28,7 @@ PARTS = ("autopilot", "loop")
 REALS = {"double": "f64", "single": "f32"}
 STEPS = 2000
 OPTIONAL = ("supervisor", "predictor", "monitor")
-"""Optional parts of an autopilot whose outputs are logged."""
+"""Names of the optional parts of an autopilot whose outputs are logged."""
 
 
 @explain_call()
@@ -41,7 +42,7 @@ def export_c(
     seed: int = 0,
     name: str | None = None,
 ) -> ExportedFolder:
-    """Write a scenario's autopilot, or its whole closed loop, as C99 into a folder.
+    """Write a scenario's autopilot, or the complete closed loop, as C99 code into a folder.
 
     >>> import tempfile
     >>> from trimtab import export_c
@@ -50,14 +51,15 @@ def export_c(
     True
 
     Args:
-        scenario: a scenario, or its name; fully checked before anything is written.
-        folder: folder to write; created if missing.
-        part: "autopilot": the input is a frame of samples, the output a command. "loop": World and Autopilot; the
-            input is the time, the outputs are all signals.
-        real: "double" or "single", the type of real numbers in the C text.
+        scenario: a scenario, or the name of a scenario. It is checked completely before any file is written.
+        folder: folder for the files. It is created if it does not exist.
+        part: "autopilot" or "loop". The input of the autopilot's code is a frame of samples, and the output is a
+            command. The loop contains world and autopilot. The input of the loop's code is the time, and the outputs
+            are all signals.
+        real: type of real numbers in the C code, "double" or "single".
         steps: number of steps of a simulated run to write as test vectors.
         seed: seed of that run.
-        name: prefix of every name in the C text; "autopilot" or "loop" if None.
+        name: prefix of every name in the C code, or None to use the name of the part.
 
     Raises:
         InputError: the scenario cannot be flown, a primitive cannot be written as C, or the folder cannot be written.
@@ -65,7 +67,9 @@ def export_c(
     if part not in PARTS:
         raise InputError("export", f"unknown part {part!r}", choices=PARTS, fix=argument("part", "autopilot"))
     if real not in REALS:
-        raise InputError("export", f"unknown type of numbers {real!r}", choices=REALS, fix=argument("float", "double"))
+        raise InputError(
+            "export", f"unknown type of real numbers {real!r}", choices=REALS, fix=argument("float", "double")
+        )
     if steps < 1:
         raise InputError("export", f"steps must be at least 1, got {steps}", fix=argument("steps", STEPS))
     scenario, folder = find_scenario(scenario), Path(folder)
@@ -88,14 +92,15 @@ def export_c(
 
 
 def _export_autopilot(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefinition, Log, Any, int]:
-    """Return the autopilot's block, a log of its inputs and outputs, a column of each input by path, and the period."""
+    """Return the autopilot's block, a log of its inputs and outputs, a function from the path of an input to its
+    values, and the control period."""
     optional = [name for name in OPTIONAL if getattr(scenario.autopilot, name) is not None]
     period, block = scenario.autopilot.period, autopilot_block(scenario, seed=seed)
     logged = {path for path, _, _ in logged_signals(signal_structure(run_inputs(scenario)))}
     unknown = [p for p in leaf_paths(block.input) if p != "t" and "downlink" + p.removeprefix("samples") not in logged]
     if unknown:
         problem = f"the autopilot reads {unknown[0]!r}, which is not logged, so the exported folder could not be tested"
-        fix = "export the step of one craft:  trimtab export FILE.py:function  (docs, Swarms)"
+        fix = "export the autopilot of one craft:  trimtab export FILE.py:function  (docs page, Swarms)"
         raise InputError(f"export {scenario.name!r}", problem, fix=fix)
     log = simulate(
         scenario,
@@ -113,7 +118,8 @@ def _export_autopilot(scenario: Scenario, steps: int, seed: int) -> tuple[BlockD
 
 
 def _export_loop(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefinition, Log, Any, int]:
-    """Return the closed loop as a block, a log of its outputs, a column of each input by path, and the period."""
+    """Return the block of the closed loop, a log of its outputs, a function from the path of an input to its values,
+    and the period."""
     table = timetable(
         [*scenario.world.periods(), scenario.autopilot.period], scenario.duration, scenario.world.max_step
     )
@@ -122,12 +128,14 @@ def _export_loop(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefini
     log = simulate(scenario, seed=seed, duration=duration, log_period=1, backend="jax")
     if not np.array_equal(log.ticks, table.t[:count]):
         raise InputError(
-            "export", "the time steps of the run change when the run is shortened", fix=argument("steps", len(table.t))
+            "export",
+            "the integration steps of a shortened run differ from those of the complete run",
+            fix=argument("steps", len(table.t)),
         )
     columns = {"t": table.t[:count], "h": table.h[:count]}
     return loop_block(scenario, table.always, seed=seed), log, columns.__getitem__, int(table.h[0])
 
 
 def _stack_columns(columns: list[Any]) -> Any:
-    """Return arrays (n, …) side by side as one array of numbers (n, VECTORS)."""
+    """Return one array of shape (n, number of columns) that contains the given arrays of shape (n, …) side by side."""
     return np.concatenate([exact_numbers(c).reshape(len(c), -1) for c in columns], axis=1)

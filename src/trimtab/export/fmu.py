@@ -1,7 +1,7 @@
 """Export of a scenario's autopilot, vehicle or closed loop as a functional mock-up unit (FMU) for co-simulation.
 
-An FMU is a zip file with a description of its variables, the library compiled for this machine, and the C sources. It
-needs no Python.
+An FMU is a zip file that contains a description of the variables, a library compiled for this machine, and the C
+sources. A simulation tool needs no Python to run the FMU.
 Source: FMI 3.0.2 and FMI 2.0.5, Modelica Association, fmi-standard.org.
 """
 
@@ -32,12 +32,14 @@ HEADERS = {
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
 OPTIONS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-tree-slp-vectorize", "-fwrapv", "-fno-math-errno")
-"""Compiler options that give the same bits as the simulation, on any processor of this architecture."""
+"""Compiler options with which the library computes the same bits as the simulation, on any processor of this
+architecture."""
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib")}
 
 
 class ExportedFmu(NamedTuple):
-    """Result of an FMU export. platform: folder of the binary in the FMU; None if no compiler was found."""
+    """Result of an FMU export. platform: folder of the library in the FMU, or None if no compiler was found and the FMU
+    has no library."""
 
     path: Path
     block: BlockText
@@ -51,12 +53,13 @@ def export_fmu(
     """Write a part of a scenario as an FMU.
 
     Args:
-        scenario: scenario, fully checked before anything is written.
+        scenario: scenario, checked completely before any file is written.
         path: path of the FMU to write.
         version: version of FMI, 2 or 3.
-        part: "autopilot": the input is a frame of samples, the output a command. "vehicle": the input is a command, the
-            output a frame of samples. "loop": both, without inputs; the outputs are all signals.
-        real: "double" or "single", the type of real numbers in the C text.
+        part: "autopilot", "vehicle" or "loop". The input of the autopilot is a frame of samples, and the output is a
+            command. The input of the vehicle is a command, and the output is a frame of samples. The loop contains
+            both. It has no inputs, and the outputs are all signals.
+        real: type of real numbers in the C code, "double" or "single".
         seed: seed of the random numbers. An FMU of a vehicle or loop has the seed as a parameter.
 
     Raises:
@@ -104,7 +107,8 @@ def _source_files(
     scenario: Scenario,
     variables: list[FmuVariable],
 ) -> tuple[dict[str, bytes], FmuIdentity]:
-    """Return all files of the FMU except the binary, and its identity with a token: a digest of the files."""
+    """Return all files of the FMU except the library, and the FMU's identity, whose token is a digest of these
+    files."""
     texts = {
         f"sources/{block.name}.h": block.header,
         f"sources/{block.name}.c": block.source,
@@ -125,7 +129,8 @@ def _source_files(
 
 
 def find_platform(version: int) -> tuple[str, str]:
-    """Return the folder below `binaries` for this platform, and the suffix of its shared libraries."""
+    """Return the name of the folder below `binaries` for this platform, and the suffix of the platform's shared
+    libraries."""
     system, suffix = SYSTEMS.get(sys.platform, ("windows", ".dll"))
     machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
     if version == 2 and machine == "x86_64":
@@ -134,7 +139,7 @@ def find_platform(version: int) -> tuple[str, str]:
 
 
 def _compile(about: FmuIdentity, files: dict[str, bytes], block: BlockText) -> bytes | None:
-    """Compile the sources and return the content of the shared library; None if no compiler was found."""
+    """Compile the sources and return the content of the shared library, or None if no compiler was found."""
     compiler = find_compiler("c")
     if compiler is None:
         return None
@@ -155,7 +160,7 @@ def _compile(about: FmuIdentity, files: dict[str, bytes], block: BlockText) -> b
 
 
 def _write_archive(path: Path, files: dict[str, bytes]) -> None:
-    """Write a zip file whose bytes depend only on the files in it."""
+    """Write a zip file whose bytes depend only on the names and contents of its files."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -164,9 +169,9 @@ def _write_archive(path: Path, files: dict[str, bytes]) -> None:
                 entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
                 archive.writestr(entry, files[name])
     except OSError as error:
-        problem = f"cannot write {str(path)!r}: {(error.strerror or str(error)).lower()}"
+        problem = f"cannot write the file {str(path)!r}: {(error.strerror or str(error)).lower()}"
         raise InputError(
             argument_name("out"),
             problem,
-            fix=f"{argument_name('out')} with a file of yours, e.g. {argument('out', 'autopilot.fmu')}",
+            fix=f"{argument_name('out')} with a file that you can write, e.g. {argument('out', 'autopilot.fmu')}",
         ) from None

@@ -1,4 +1,5 @@
-"""The file modelDescription.xml of an FMU, for FMI 2.0 and 3.0: units, ranges, and tunable or fixed parameters.
+"""Generator of the file modelDescription.xml of an FMU, for FMI 2.0 and 3.0: units, ranges, and tunable or fixed
+parameters.
 
 Source: FMI 3.0.2 and FMI 2.0.5, Modelica Association, fmi-standard.org.
 """
@@ -36,11 +37,11 @@ BASE: dict[str, tuple[float, dict[str, int]]] = {
     "lbf": (4.4482216152605, {"kg": 1, "m": 1, "s": -2}),
     "slug": (14.593902937206, {"kg": 1}),
 }
-"""Unit -> factor to SI units, and exponents of the SI base units."""
+"""Factor from each unit to SI units, and exponents of the SI base units, by the unit's name."""
 
 
 class FmuIdentity(NamedTuple):
-    """Description of an FMU as a whole. sources: names of the C files to compile."""
+    """Description of an FMU. sources: names of the C files to compile."""
 
     scenario: str
     part: str
@@ -53,7 +54,8 @@ class FmuIdentity(NamedTuple):
 
 
 def description_xml(version: int, about: FmuIdentity, variables: list[FmuVariable]) -> str:
-    """Return the text of modelDescription.xml. Variables are in the order of their value references, from 1 on."""
+    """Return the text of modelDescription.xml. The value references of the variables are 1, 2, …, in the order of the
+    variables."""
     root = ET.Element("fmiModelDescription", fmiVersion="3.0" if version == 3 else "2.0")
     root.set("modelName", f"{about.scenario} {about.part}")
     root.set("instantiationToken" if version == 3 else "guid", about.token)
@@ -99,7 +101,8 @@ def build_description_xml(about: FmuIdentity, options: str) -> str:
 
 
 def unit_in_si(unit: str) -> tuple[float, dict[str, int]] | None:
-    """Return a unit's factor to SI and its SI exponents, or None if FMI cannot express the unit, e.g. a square root."""
+    """Return the factor from a unit to SI and the exponents of the SI base units, or None if FMI cannot express the
+    unit, e.g. the square root of a unit."""
     factor, exponents, sign = 1.0, dict[str, int](), 1
     if match := re.fullmatch(r"(\d+) (.*)", unit):
         factor, unit = float(match[1]), match[2]
@@ -134,7 +137,7 @@ def _add_units(root: ET.Element, version: int, variables: list[FmuVariable]) -> 
 
 
 def _unit(v: FmuVariable, version: int) -> str:
-    """Return the declared unit of a real variable; "" for integers, flags, and variables without a unit."""
+    """Return the declared unit of a real variable, or "" for integers, flags and variables without a unit."""
     is_real = (TYPES_3 if version == 3 else TYPES_2)[v.dtype] in ("Float64", "Float32", "Real")
     d = v.member.declaration
     return d.unit if d is not None and is_real and d.unit not in ("", "1") else ""
@@ -159,7 +162,7 @@ def _attributes(v: FmuVariable, reference: int) -> dict[str, str]:
 
 
 def _limits(v: FmuVariable, version: int) -> dict[str, str]:
-    """Return the attributes unit, min and max of a variable. Outputs and integers have no min and max."""
+    """Return the XML attributes unit, min and max of a variable. Outputs and integers have no min and max."""
     unit, d = _unit(v, version), v.member.declaration
     told = {"unit": unit} if unit else {}
     if d is None or v.role == "output" or v.dtype[0] != "f":

@@ -1,4 +1,5 @@
-"""Model of a compiled block for an FMU: its variables, and the text of model.h, through which `fmi/fmu.h` uses them.
+"""Model of a compiled block for an FMU: the variables, and the text of model.h, by which `fmi/fmu.h` accesses the
+variables.
 
 Variables are named as in settings and logs: parameters `autopilot.law.k1`, signals `command.value.FX`.
 """
@@ -20,13 +21,16 @@ from trimtab.run.blocks import autopilot_block, loop_block, world_block
 
 TYPES = ("f64", "f32", "i32", "i64", "u32", "bool")
 UNSTAMPED = -(2**63)
-"""Time stamp of a message whose time the importer did not set. Such a message counts as current."""
+"""Time stamp of a sample or command whose time the importing tool has not set. Such a sample or command counts as
+current."""
 SPLIT_AT = 256
-"""Maximum size of a parameter array in FMI 2.0, which has no arrays. A larger parameter is left out."""
+"""Maximum number of elements of a parameter in FMI 2.0, where each element becomes a variable. A larger parameter is
+left out."""
 
 
 class FmuVariable(NamedTuple):
-    """Variable of an FMU. place: C path of the variable in model_data. start: start value; None for an output."""
+    """Variable of an FMU. place: path of the variable in the C structure model_data.  start: start value, or None for
+    an output."""
 
     name: str
     place: str
@@ -36,21 +40,22 @@ class FmuVariable(NamedTuple):
 
     @property
     def dtype(self) -> str:
-        """Return the type of the variable's numbers, by the compiler's short name, e.g. f64."""
+        """Return the short name of the variable's number type, e.g. f64."""
         return self.member.dtype
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Return the shape of the variable; () for a single number."""
+        """Return the shape of the variable, which is () for a single number."""
         return self.member.shape
 
 
 class FmuModel(NamedTuple):
     """Part of a scenario that becomes an FMU.
 
-    definition: block of the part.
-    prefix: text before a parameter's path in the block. Both together are the parameter's path as a setting.
-    name_input: path of an input in the block -> name of the variable; None for inputs set by the FMU itself.
+    definition: definition of the part's block.
+    prefix: text that is prepended to a parameter's path in the block. The result is the parameter's path as a setting.
+    name_input: function from the path of an input in the block to the name of the FMU's variable, or to None for an
+    input that the FMU sets itself.
     begin, advance: bodies of the C functions model_begin and model_advance.
     step_s: recommended time between communication points (s).
     """
@@ -121,7 +126,8 @@ static int64_t model_next(int64_t t)
 
 
 def fmu_model(scenario: Scenario, part: str, seed: int = 0) -> FmuModel:
-    """Return a part of a checked scenario: "autopilot", "vehicle" (with its world, sensors and links) or "loop"."""
+    """Return the model of a part of a checked scenario: "autopilot", "vehicle" (with world, sensors and links) or
+    "loop"."""
     period = scenario.autopilot.period
     if part == "autopilot":
         stamps = AUTOPILOT_ADVANCE.replace("PERIOD", f"INT64_C({period})")
@@ -131,14 +137,15 @@ def fmu_model(scenario: Scenario, part: str, seed: int = 0) -> FmuModel:
     if part == "vehicle":
         block = world_block(scenario, seed=seed)
         return FmuModel(block, "", _name_command, VEHICLE_BEGIN, VEHICLE_ADVANCE, period * 1e-7)
-    # The periods that are due at every instant are the same in a longer simulation.
+    # The set of periods that are due at every instant does not depend on the duration.
     always = timetable(periods, scenario.duration, scenario.world.max_step).always
     begin = "    model_advance(d, c, 0, w);\n"
     return FmuModel(loop_block(scenario, always, seed=seed), "", lambda p: None, begin, LOOP_ADVANCE, period * 1e-7)
 
 
 def _name_sample(path: str) -> str | None:
-    """Return the name of an input if it is a sample: the name of the vehicle's output that connects to it."""
+    """Return the name of the vehicle's output that is connected to an input of the autopilot, if the input is part of a
+    sample. For other inputs, return None."""
     return "downlink" + path.removeprefix("samples") if path.startswith("samples.") else None
 
 
@@ -147,7 +154,7 @@ def _name_command(path: str) -> str | None:
 
 
 def fmu_variables(model: FmuModel, block: BlockText) -> list[FmuVariable]:
-    """Return the variables of an FMU: parameters that the C code reads, then inputs, then outputs.
+    """Return the variables of an FMU: first the parameters that the C code reads, then inputs, then outputs.
 
     Raises:
         InputError: a variable has a type that FMI does not have, or two variables have the same name.
@@ -167,17 +174,22 @@ def fmu_variables(model: FmuModel, block: BlockText) -> list[FmuVariable]:
     names = [v.name for v in variables]
     for v in variables:
         if v.dtype not in TYPES or names.count(v.name) > 1:
-            problem = f"its {v.name!r} is of type {v.dtype}" if v.dtype not in TYPES else f"two are named {v.name!r}"
+            problem = (
+                f"the variable {v.name!r} is of type {v.dtype}"
+                if v.dtype not in TYPES
+                else f"two variables are named {v.name!r}"
+            )
             raise InputError(
                 "export --fmu",
-                f"{problem}, which an FMU cannot have",
-                fix="export C instead: trimtab export without --fmu",
+                f"{problem}, which FMI does not allow",
+                fix="export C code instead: type trimtab export without --fmu",
             )
     return variables
 
 
 def split_variables(variables: Iterable[FmuVariable]) -> list[FmuVariable]:
-    """Return one variable per number, as FMI 2.0 requires. Parameters with more than SPLIT_AT numbers are left out."""
+    """Return the variables with each array split into scalar variables, as FMI 2.0 requires. Parameters with more than
+    SPLIT_AT elements are left out."""
     single = []
     for v in variables:
         if not v.shape:
@@ -194,7 +206,7 @@ def split_variables(variables: Iterable[FmuVariable]) -> list[FmuVariable]:
 def model_header(
     model: FmuModel, block: BlockText, scenario: Scenario, variables: list[FmuVariable], token: str
 ) -> str:
-    """Return the text of model.h, which connects an FMU's variables with the block's C code."""
+    """Return the text of model.h, which connects the variables of an FMU with the C code of the block."""
     name, more = block.name, ", w" if block.workspace else ""
     real = "double" if all(m.dtype != "f32" for m in [*block.inputs, *block.parameters]) else "float"
     samples = [m.path.removesuffix(".age") for m in block.inputs if m.path.endswith(".age")]
@@ -261,7 +273,8 @@ def _literal(value: Any, dtype: str) -> str:
 
 
 def _input_start(m: Member) -> Any:
-    """Return the start value of an input: the valid value closest to zero. A message starts as valid and current."""
+    """Return the start value of an input: the valid value closest to zero. A sample or command is valid and current at
+    the start."""
     last = m.path.rpartition(".")[2]
     if m.dtype == "bool":
         return np.full(m.shape, last in ("valid", "fresh"))
@@ -274,7 +287,8 @@ def _input_start(m: Member) -> Any:
 
 
 def _function_texts(block: BlockText, kind: str) -> str:
-    """Return the C text of a block's init or step, with the functions into which it is divided."""
+    """Return the C code of a block's init or step function, including the functions into which this function is
+    divided."""
     functions = re.split(r"^}$", block.source, flags=re.MULTILINE)
     return "\n".join(f for f in functions if re.search(rf"^\S.*\b{block.name}_{kind}", f, flags=re.MULTILINE))
 

@@ -1,4 +1,5 @@
-"""Check of an exported folder: compile it without warnings, replay its test, and compare each sample with JAX."""
+"""Check of an exported folder: compile the C code without warnings, replay the test vectors, and compare each output
+value with the simulation on JAX."""
 
 import json
 import os
@@ -21,11 +22,11 @@ SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g")
 class VerificationReport(NamedTuple):
     """Result of the check of an exported folder.
 
-    good: every sample is within its tolerance, and the sanitizers found nothing.
-    worst: output -> (largest difference, tolerance).
-    first: step, output, computed value and expected value of the first sample out of tolerance, or None.
-    stack_bytes: stack of the step function and its callees, as reported by the compiler.
-    sanitized: False if the compiler has no sanitizers.
+    good: True if every output value is within its tolerance and the sanitizers found no errors.
+    worst: largest difference and tolerance of each output, by the output's name.
+    first: step, output, computed value and expected value of the first output value out of tolerance, or None.
+    stack_bytes: stack (bytes) of the step function and of the functions that it calls, as reported by the compiler.
+    sanitized: True if the sanitizers were run, False if the compiler has none.
     """
 
     good: bool
@@ -37,15 +38,19 @@ class VerificationReport(NamedTuple):
 
 
 def verify_folder(folder: Path) -> VerificationReport:
-    """Compile and replay a folder written by `trimtab export`, and compare sample by sample.
+    """Compile and replay a folder written by `trimtab export`, and compare each output value with the expected value.
 
-    Raises InputError if the folder was not written by `trimtab export`, no compiler is found, or the C text does not
-    compile without warnings.
+    Raises InputError if the folder was not written by `trimtab export`, if no compiler is found, or if the C code does
+    not compile without warnings.
     """
     about = _read_manifest(folder)
     compiler = find_compiler("c")
     if compiler is None:
-        raise InputError("export --verify", "no C compiler found", fix="install gcc or clang, or name one in CC")
+        raise InputError(
+            "export --verify",
+            "no C compiler found",
+            fix="install gcc or clang, or set the environment variable CC to a C compiler",
+        )
     cc = [compiler.path, *compiler.options]
     _check_header(folder / f"{about['name']}.h")
     wanted = _read_rows((folder / "vectors.csv").read_text().splitlines()[1:])[:, len(about["inputs"]) :]
@@ -61,7 +66,8 @@ def verify_folder(folder: Path) -> VerificationReport:
 def compare_samples(
     got: Any, wanted: Any, names: list[str], tolerance: Any
 ) -> tuple[dict[str, tuple[float, float]], tuple[int, str, Any, Any] | None]:
-    """Return the largest difference of each output, and the first sample out of tolerance. NaN equals NaN."""
+    """Return the largest difference of each output, and the first value out of tolerance. NaN counts as equal to
+    NaN."""
     if got.shape != wanted.shape:
         problem = f"the replay printed {got.shape[0]} x {got.shape[1]} numbers, expected {wanted.shape}"
         raise InputError("export --verify", problem, fix="export the folder again")
@@ -76,17 +82,18 @@ def compare_samples(
 
 
 def _differences(got: Any, wanted: Any, exact: bool) -> Any:
-    """Return the error of each sample; 0 where both are NaN. exact: compare as exact integers."""
+    """Return the error of each value, 0 where both values are NaN. exact: True to compare the values as integers of any
+    size."""
     kind = object if exact else np.float64
     got, wanted = np.asarray(got, kind), np.asarray(wanted, kind)
-    with np.errstate(invalid="ignore"):  # the difference of two infinities is NaN
+    with np.errstate(invalid="ignore"):  # the difference of two equal infinities is NaN
         off = np.abs(got - wanted).astype(np.float64)
     same = (got == wanted) | ((got != got) & (wanted != wanted))
     return np.where(same, 0.0, np.where(np.isnan(off), np.inf, off))
 
 
 def _read_rows(lines: list[str]) -> Any:
-    """Return the numbers in lines of text as an array of Python numbers, so that integers are exact."""
+    """Return the numbers in lines of text as an array of Python numbers, so that large integers are exact."""
     rows = [line.split(",") if line else [] for line in lines]
     width = max(map(len, rows), default=0)
     if any(len(row) != width for row in rows):
@@ -111,7 +118,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def _check_header(header: Path) -> None:
-    """Raise InputError if a C++ program cannot include the header. Without a C++ compiler, nothing is checked."""
+    """Raise InputError if a C++ program cannot include the header. If no C++ compiler is found, do nothing."""
     compiler = find_compiler("c++")
     if compiler is None:
         return
@@ -139,13 +146,14 @@ def _run_replay(cc: list[str], folder: Path, name: str, scratch: Path, extra: tu
     if ran.returncode:
         said = "\n".join(ran.stderr.splitlines()[:20])
         raise InputError(
-            "export --verify", f"the replay stopped with {ran.returncode}:\n{said}", fix="report this error"
+            "export --verify", f"the replay ended with exit code {ran.returncode}:\n{said}", fix="report this error"
         )
     return _read_rows(ran.stdout.splitlines())
 
 
 def _run_sanitizers(cc: list[str], folder: Path, name: str, scratch: Path, got: Any) -> bool:
-    """Run the replay with the address and undefined-behaviour sanitizers. Return False if the compiler has none."""
+    """Run the replay with the address sanitizer and the undefined-behaviour sanitizer. Return False if the compiler has
+    no sanitizers."""
     probe = scratch / "probe.c"
     probe.write_text("int main(void) { return 0; }\n")
     command = [*cc, *SANITIZERS, str(probe), "-o", str(scratch / "probe")]
@@ -153,12 +161,15 @@ def _run_sanitizers(cc: list[str], folder: Path, name: str, scratch: Path, got: 
         return False
     again = _run_replay(cc, folder, name, scratch, SANITIZERS)
     if not ((again == got) | ((again != again) & (got != got))).all():
-        raise InputError("export --verify", "results change when built with sanitizers", fix="report this error")
+        raise InputError(
+            "export --verify", "the results differ when the code is built with sanitizers", fix="report this error"
+        )
     return True
 
 
 def _deepest_stack(scratch: Path) -> int:
-    """Return the largest stack (bytes) of a step function, by -fstack-usage. Its calls are to libm or inlined."""
+    """Return the largest stack (bytes) of a step function, from the compiler's option -fstack-usage. The functions that
+    it calls are inlined or in libm."""
     found = [0]
     for file in scratch.glob("*.su"):
         for line in file.read_text().splitlines():

@@ -1,8 +1,8 @@
 """Export of a closed loop as WebAssembly: the exported C, compiled for a browser, and a page with parameter sliders.
 
-The program imports nothing and has one set of parameters. One call simulates a whole run and stores all outputs at all
-instants in memory, as double. It uses the elementary functions of the exported C, so the results have the same
-bits as on every other machine (docs page, Run a simulation in the browser).
+The WebAssembly program needs no other module and has one set of parameters. One call simulates a complete run and
+stores all outputs at all instants in memory, as double. The program contains the elementary functions of the exported
+C, so the results have the same bits as on every other machine (docs page, Run a simulation in the browser).
 """
 
 import base64
@@ -39,18 +39,18 @@ TOOLS = ("clang", "wasm-ld")
 FLAGS = ("--target=wasm32", "-std=c99", "-nostdlib", "-nostdlibinc", "-mbulk-memory", "-w")
 EXPORTED = ("defaults", "get", "set", "fly", "memory")
 MEMORY = 64 * 2**20
-"""Maximum size of the outputs of a simulated flight (bytes)."""
+"""Maximum size (bytes) of the stored outputs of a simulated flight."""
 REFERENCE_ROWS = 300
 
 
 class Slider(NamedTuple):
-    """Slider of the page, which changes parameters of the loop.
+    """Slider of the page, which changes one or more parameters of the loop.
 
     name, unit: name and unit shown on the page.
-    low, high: ends of the slider.
-    paths: paths, in the scenario, of the quantities that the slider changes.
-    adds: True: the slider's value is added to the scenario's values, and starts at 0. False: it replaces them, and
-        starts at the first one.
+    low, high: lowest and highest value of the slider.
+    paths: paths of the scenario's parameters that the slider changes.
+    adds: True if the slider's value is added to the scenario's values. It then starts at 0. False if the slider's value
+        replaces the scenario's values. It then starts at the first of these values.
     """
 
     name: str
@@ -62,21 +62,23 @@ class Slider(NamedTuple):
 
 
 class WebFlight(NamedTuple):
-    """Closed loop for a browser. program: WebAssembly. about: data for the page, in types that JSON has."""
+    """Closed loop for a browser. program: bytes of the WebAssembly program.  about: data for the page, which can be
+    written as JSON."""
 
     program: bytes
     about: dict[str, Any]
 
 
 def delay_slider(scenario: Scenario, high: float, link: str = "uplink") -> tuple[Scenario, Slider]:
-    """Return a slider that adds delay (s) to a link's latency, and the scenario with a large enough buffer for it.
+    """Return the scenario with a sufficiently large buffer in a link, and a slider that adds up to `high` (s) to the
+    latency of this link.
 
     Raises:
         InputError: the link has no table of latencies.
     """
     channel = getattr(scenario.world, link)
     if not isinstance(channel, MeasuredLatency):
-        problem = f"the {link} is a {type(channel).__name__}, and a slider cannot change its delay"
+        problem = f"the {link} is a {type(channel).__name__}, whose delay a slider cannot change"
         raise InputError("delay slider", problem, fix=argument("settings", "measured", "links"))
     longest = float(np.asarray(channel.latency)[-1]) + high
     slots = max(channel.capacity, required_slots(longest, channel.send_period, channel.period))
@@ -96,10 +98,11 @@ def export_web(
     """Compile a scenario's closed loop to WebAssembly.
 
     Args:
-        scenario: scenario, fully checked before anything is compiled.
-        sliders: sliders of the page.
-        signals: signals to plot, each in its own plot; by default the signals that have targets in the scenario.
-        seed: seed of the flight that the page shows first.
+        scenario: scenario, checked completely before compilation.
+        sliders: sliders that the page shows.
+        signals: paths of the signals to plot, one plot for each signal. By default, the signals that have targets in
+            the scenario are plotted.
+        seed: seed of the random numbers in the flight that the page shows first.
 
     Raises:
         InputError: a tool is missing, a signal or quantity is unknown, or the outputs of the flight need too much
@@ -137,7 +140,7 @@ def export_web(
 
 
 def web_fragment(flight: WebFlight) -> str:
-    """Return HTML for a flight. The HTML loads no other files. Any page may contain it, also several times."""
+    """Return the HTML code of a flight. It loads no other files, and any page may contain it, even several times."""
     about = flight.about | {"program": base64.b64encode(flight.program).decode()}
     data = json.dumps(about).replace("</", "<\\/")
     style, script = ((WEB / name).read_text(encoding="utf-8") for name in ("flight.css", "flight.js"))
@@ -148,7 +151,8 @@ def web_fragment(flight: WebFlight) -> str:
 
 
 def write_web_page(flight: WebFlight, folder: Path) -> list[Path]:
-    """Write index.html, which needs no server, and the program and its description for use in other pages."""
+    """Write the page index.html, which needs no server, and for use in other pages the WebAssembly program and its
+    description."""
     head = (
         '<!doctype html>\n<html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">\n'
     )
@@ -163,11 +167,11 @@ def write_web_page(flight: WebFlight, folder: Path) -> list[Path]:
         for name, content in texts.items():
             (folder / name).write_bytes(content)
     except OSError as error:
-        problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
+        problem = f"cannot write in the folder {str(folder)!r}: {(error.strerror or str(error)).lower()}"
         raise InputError(
             argument_name("out"),
             problem,
-            fix=f"{argument_name('out')} with a folder of yours, e.g. {argument('out', 'page')}",
+            fix=f"{argument_name('out')} with a folder that you can write, e.g. {argument('out', 'page')}",
         ) from None
     return [folder / name for name in texts]
 
@@ -180,14 +184,15 @@ def _check_names(wanted: tuple[str, ...], names: list[str], what: str) -> None:
 
 
 def _check_slider(slider: Slider, block: BlockText, own: Callable[[str], Any]) -> None:
-    """Raise InputError if a slider changes an unknown parameter, or if its range excludes its start value."""
+    """Raise InputError if a slider changes an unknown parameter, or if the range of a slider does not include the
+    slider's start value."""
     quantities = [m.name for m in block.parameters if m.dtype == "f64"]
     _check_names(slider.paths, quantities, "quantity")
     begin = 0.0 if slider.adds else float(np.ravel(own(slider.paths[0]))[0])
     if not slider.low <= begin <= slider.high or slider.low == slider.high:
-        problem = f"the range {slider.low:g} to {slider.high:g} must include the start {begin:g}"
+        problem = f"the range {slider.low:g} to {slider.high:g} must include the start value {begin:g}"
         raise InputError(
-            f"slider {slider.name!r}", problem, fix="give a range LOW:HIGH that includes the scenario's value"
+            f"slider {slider.name!r}", problem, fix="write a range LOW:HIGH that includes the scenario's value"
         )
 
 
@@ -201,7 +206,7 @@ def _describe_slider(slider: Slider, block: BlockText) -> dict[str, Any]:
 
 
 def _describe_signal(path: str, block: BlockText, scenario: Scenario) -> dict[str, Any]:
-    """Return the path, unit, meaning and target of a plotted signal, for the page."""
+    """Return the path, unit, meaning and target of a plotted signal as data for the page."""
     declared = next((m.declaration for m in block.outputs if path.startswith(m.name)), None)
     goals = [target.value for target in scenario.targets if full_path(target.path) == path]
     return {
@@ -213,7 +218,8 @@ def _describe_signal(path: str, block: BlockText, scenario: Scenario) -> dict[st
 
 
 def _reference(scenario: Scenario, signals: tuple[str, ...], table: Timetable, seed: int) -> dict[str, Any]:
-    """Return the plotted signals as simulated on this machine: every `every`-th instant, as float64 in base64."""
+    """Return the values of the plotted signals as simulated on this machine, at every `every`-th instant, as float64 in
+    base64."""
     log = simulate(scenario, seed=seed, log_period=1, signals=tuple(s.partition("[")[0] for s in signals))
     every = -(-len(table.t) // REFERENCE_ROWS)
     columns = []
@@ -226,7 +232,7 @@ def _reference(scenario: Scenario, signals: tuple[str, ...], table: Timetable, s
 
 
 def flight_text(block: BlockText, table: Timetable) -> str:
-    """Return the C code for a page: access to parameters by number, and the simulation of a whole flight."""
+    """Return the C code for a page: access to the parameters by index, and the simulation of a complete flight."""
     numbers = 1 + len(column_names(block.outputs))
     starts = np.flatnonzero(np.diff(table.h, prepend=-1))
     counts = np.diff(starts, append=len(table.h))
@@ -289,7 +295,7 @@ const double *fly(void)
 
 
 def _cases(parameters: list[Member], text: str) -> str:
-    """Return a C `case` line for each parameter. text: statement with {place} and {type}."""
+    """Return a C `case` line for each parameter. text: C statement in which {place} and {type} are replaced."""
     lines = []
     for which, m in enumerate(parameters):
         body = text.format(place=m.at("p.", "i"), type=C_TYPES[m.dtype])
@@ -313,6 +319,8 @@ def _compile_program(block: BlockText, glue: str) -> bytes:
         if done.returncode:
             said = "\n".join(done.stderr.splitlines()[:20])
             raise InputError(
-                "export --wasm", f"clang reported an error:\n{said}", fix="report this error, with the scenario's name"
+                "export --wasm",
+                f"clang reported an error:\n{said}",
+                fix="report this error, together with the name of the scenario",
             )
         return (folder / "loop.wasm").read_bytes()

@@ -12,7 +12,7 @@ class Announcer:
     """Sender of lines of text to ground stations, the user and the log."""
 
     def __init__(self, station: Station, reporter: Reporter) -> None:
-        """station: sends lines of text to ground stations.  reporter: sends them to the user and to the log."""
+        """station: sender to ground stations.  reporter: sender to the user and to the log."""
         self._station, self._reporter = station, reporter
 
     def announce(self, severity: Severity, text: str) -> None:

@@ -1,6 +1,6 @@
-"""fly: run an autopilot in real time against a vehicle at the far end of a link.
+"""Autopilot of the command `fly`: it controls, in real time, a vehicle at the other end of a link.
 
-One thread connects, then runs the control loop, `flight.control_loop`, and disarms the vehicle at the end.
+One thread connects to the vehicle, runs the control loop (`flight.control_loop`), and disarms the vehicle at the end.
 Source: docs pages, Fly and Supervisor.
 """
 
@@ -29,7 +29,7 @@ COUNT, HALT = "count", "halt"
 OVERRUN_POLICIES = (COUNT, HALT)
 """Policies for an overrun, that is, for a period whose work ends after the next deadline."""
 PATIENCE_FACTOR = 3
-"""Factor on the time to wait for a vehicle, applied once a frame from the vehicle has been accepted."""
+"""Factor by which the longest wait for a vehicle is multiplied once a frame from the vehicle has been accepted."""
 DISARM_TIMEOUT = seconds("0.5")
 """Longest time to wait for the answer to a disarm request (100 ns)."""
 
@@ -52,7 +52,7 @@ class LiveAutopilot:
 
         Args:
             scenario: scenario of the autopilot.  link: link to the vehicle.
-            endpoint: function that makes the autopilot's end of the link for a dialect.
+            endpoint: function that makes the autopilot's endpoint for a MAVLink dialect.
             seed: seed of the random numbers.  step: the compiled autopilot; None: compile it here.
             options: options that the user has chosen; None: the defaults.
             machine: the computer that the autopilot runs on.
@@ -71,10 +71,12 @@ class LiveAutopilot:
         follows_clock: bool = False,
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Wait until the vehicle answers and its clock is known. Raise InputError after `patience` seconds.
+        """Wait until the vehicle answers and the offset of its clock is known. Raise InputError after `patience`
+        seconds.
 
-        Once a frame has been accepted, the limit is three times as long, because the link may lose most heartbeats.
-        follows_clock: True to sign packets with the vehicle's time if this computer's clock differs too much from it.
+        Once a frame has been accepted, wait three times as long, because the link may lose most heartbeats.
+        follows_clock: True to sign packets with the vehicle's time if this computer's clock differs too much from the
+        vehicle's clock.
         tell: function that receives the messages for the user. It must not block.
         """
         clock, remote = self._machine.clock, self.remote
@@ -92,7 +94,7 @@ class LiveAutopilot:
             self._receive()
 
     def _receive(self) -> None:
-        """Handle the next packet. Wait for it at most 20 ms."""
+        """Wait at most 20 ms for a packet, and handle the packet."""
         data = self.link.receive(0.02)
         if data is not None:
             self.parts.handle_data(data)
@@ -114,18 +116,22 @@ class LiveAutopilot:
 
         Args:
             duration: duration of the flight (100 ns); None: the duration of the scenario.
-            log: path of the flight's log.  log_limit: its maximum size on the disk (bytes); None: no limit.
+            log: path of the flight's log.  log_limit: maximum size of the log on the disk (bytes), or None for no
+                limit.
             wanted_real_time: True asks the system for real-time scheduling and locked memory.
             overrun: "count" continues after an overrun; "halt" ends an armed flight at the first overrun.
-            console: connection to a console, after its `set_rows`. The console's pilot decides when to arm.
-                None: no console.
-            stop: function called every period; the result True ends the flight.
+            console: connection to a console, on which `set_rows` has been called, or None for a flight without a
+                console. The pilot at the console decides when to arm.
+            stop: function called every period. If it returns True, the flight ends.
             tell: function that receives the messages for the user. It must not block.
-            lost_lines: function that returns how many of these messages were lost.
+            lost_lines: function that returns the number of messages to the user that were lost.
         """
         if overrun not in OVERRUN_POLICIES:
             raise InputError(
-                "overrun", f"{overrun!r} is not a policy", choices=OVERRUN_POLICIES, fix=f'overrun="{HALT}"'
+                "overrun",
+                f"{overrun!r} is not a valid policy for overruns",
+                choices=OVERRUN_POLICIES,
+                fix=f'overrun="{HALT}"',
             )
         length = self.scenario.duration if duration is None else duration
         flight_log, reporter = self._open_log(log, log_limit), self.parts.reporter
@@ -137,7 +143,7 @@ class LiveAutopilot:
                 flight_log.write_event(remark)
         try:
             with self._machine.real_time(wanted_real_time) as grant:
-                discard_packets(self.link)  # packets that arrived before now, or while memory was being locked
+                discard_packets(self.link)  # discard packets that arrived before the start or while memory was locked
                 self.endpoint.begin_anew()
                 self.autopilot_end.drop_samples()
                 takes_over, halts = self._options.takes_over, overrun == HALT
@@ -149,7 +155,7 @@ class LiveAutopilot:
                     ended = "the supervisor ended the flight" if self.parts.supervised.mode == ENDED else ""
                     problems = [p for p in (cause, stopped, ended, *loop.list_problems()) if p]
                     is_ours = self.remote.arming.has_authority or self.remote.arming.is_asking
-                    if is_ours and not self.remote.arming.is_taken:  # another autopilot's vehicle is left alone
+                    if is_ours and not self.remote.arming.is_taken:  # another autopilot's vehicle stays armed
                         self._disarm()
         finally:
             reporter.end_log()

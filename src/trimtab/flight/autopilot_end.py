@@ -1,4 +1,5 @@
-"""Autopilot's end of a link: it receives sensor samples, runs one compiled step per period, and packs commands.
+"""Autopilot's end of a link: it receives sensor samples, runs the compiled autopilot once per control period, and packs
+commands.
 
 Source: docs page, Fly.
 """
@@ -23,14 +24,14 @@ from trimtab.run.blocks import carried_structures
 
 ESTIMATE = "estimate.state."
 ESTIMATED_POSE = {"north": 0, "east": 1, "heading": 5}
-"""Index in a pose of each element of the estimated state, by the element's name."""
+"""Index of north, east and heading (rad) of the estimate in a pose, whose layout is that of `logs.frames`."""
 
 
 class EstimatedPose:
-    """Estimated position and attitude, read from the outputs of an autopilot's step."""
+    """Reader of the estimated position and attitude in the outputs of a compiled autopilot."""
 
     def __init__(self, step: CompiledBlock) -> None:
-        """step: the compiled autopilot."""
+        """step: compiled autopilot, whose outputs contain the estimate."""
         self._step = step
         paths = [f"{ESTIMATE}{name}" for name in ESTIMATED_POSE]
         self._slots: list[Any] = [step.writes[path] for path in paths if path in step.writes]
@@ -47,7 +48,8 @@ class EstimatedPose:
 
     @functools.cached_property
     def _spatial_slots(self) -> tuple[Any, Any] | None:
-        """Slots of position and attitude in the step's outputs; None if the estimate is not 3-D or not in frame W."""
+        """Indices of position and attitude in the autopilot's output vector, or None if the estimate is not a 3-D
+        position in the world frame W."""
         signals = [s for s in FlightRows(step_sources(self._step), {}).signals if s[0].startswith(ESTIMATE)]
         declared = {path: d for path, _, _, d in signals if d is not None}
         found = find_spatial({path: shape for path, shape, _, _ in signals}, declared)
@@ -59,9 +61,10 @@ class EstimatedPose:
 class AutopilotEnd:
     """Autopilot's end of a link: it connects an endpoint to the compiled autopilot, over any transport.
 
-    A sample waits for the next step. Each step takes at most one sample of each sensor, in order of arrival. A sample
-    that arrives after a newer sample of its sensor is dropped, because most estimators assume that samples arrive in
-    order. An estimator that fuses each sample at its own time declares ANY_ORDER = True, and gets late samples too.
+    A received sample waits for the next control period. Each period uses at most one sample of each sensor, in order of
+    arrival. A sample that arrives after a newer sample of its sensor is dropped, because most estimators assume that
+    samples arrive in order. An estimator that fuses each sample at the time of its measurement declares `ANY_ORDER`,
+    and also gets the late samples.
     """
 
     def __init__(
@@ -73,7 +76,8 @@ class AutopilotEnd:
             scenario: scenario of the autopilot.
             dialect: MAVLink dialect of the scenario, from `scenario_dialect`.
             step: the compiled autopilot of this scenario.
-            clock: clock of the samples; None: samples use the clock of the steps, and any time stamp is accepted.
+            clock: converter and check of the samples' times, or None if samples and autopilot use the same clock. Then
+                any time stamp is accepted.
         """
         self.step, self._clock = step, clock
         self.sensors: dict[str, MessageGroup] = sample_groups(dialect, lambda p: step.reads[p])
@@ -88,7 +92,7 @@ class AutopilotEnd:
         self.pose = EstimatedPose(step)
 
     def handle_message(self, message: Message) -> bool:
-        """Store a message for the next step if it is part of a sample. Return True if so."""
+        """Return True if the message is part of a sample. Such a message is stored for the next control period."""
         sensor = self._sensor_of.get(message.name)
         if sensor is None:
             return False
@@ -106,37 +110,38 @@ class AutopilotEnd:
 
     @property
     def queue_length(self) -> int:
-        """Number of samples that wait for a step."""
+        """Number of samples that wait for a control period."""
         return sum(map(len, self._queues.values()))
 
     def drop_samples(self) -> None:
-        """Drop the samples that arrived before the flight and still wait for a step."""
+        """Drop the samples that arrived before the flight and have not been used yet."""
         for queue in self._queues.values():
             queue.clear()
 
     def fly_period(self, t: int) -> None:
-        """Run one control period at integer time t."""
+        """Run one control period of the autopilot at integer time t."""
         self.set_inputs(t)
         self.step.step()
 
     def set_inputs(self, t: int) -> None:
-        """Set the inputs of the step at integer time t, without running the step."""
+        """Write the waiting samples into the inputs of the compiled autopilot for the period at integer time t, without
+        running it."""
         self.step.inputs[self._time_slot] = t
         to_local = None if self._clock is None else self._clock.to_local
         for queue in self._queues.values():
             queue.set_inputs(self.step.inputs, t, to_local)
 
     def log_sources(self) -> list[LogSource]:
-        """Return the input and output vectors of the autopilot's step, for the log."""
+        """Return the input and output vectors of the compiled autopilot, as sources of the log's rows."""
         return step_sources(self.step)
 
     @property
     def has_command(self) -> bool:
-        """True if the last command is valid."""
+        """True if the last command of the autopilot is valid."""
         return bool(self.step.outputs[self.step.writes["command.valid"]])
 
     def command_packets(self, endpoint: Endpoint, shift: int = 0) -> list[bytes]:
-        """Return the packets of the last command. `shift` is added to the command's time."""
+        """Return the packets of the last command. shift: time (100 ns) that is added to the command's time stamp."""
         return self._command.pack(endpoint, self.step.outputs, shift)
 
 
@@ -147,11 +152,12 @@ def scenario_dialect(scenario: Scenario) -> Dialect:
 
 
 def step_sources(step: CompiledBlock) -> list[LogSource]:
-    """Return the input and output vectors of an autopilot's step, for the log."""
+    """Return the input and output vectors of a compiled autopilot, as sources of the log's rows."""
     inputs = LogSource(step.inputs, step.text.inputs, frame_log_path)
     return [inputs, LogSource(step.outputs, step.text.outputs, lambda p: p)]
 
 
 def frame_log_path(path: str) -> str | None:
-    """Return the log path of an input of the autopilot's step; None for the time, which each log row already has."""
+    """Return the log path of an input of the compiled autopilot, or None for the input `t`, since each log row already
+    has a time."""
     return None if path == "t" else f"downlink{path.removeprefix('samples')}"

@@ -1,9 +1,11 @@
-"""Autopilot parameters for ground stations: the relay on the vehicle, and the parameter service on the autopilot.
+"""Access of ground stations to the autopilot's parameters: the relay on the vehicle, and the parameter service on the
+autopilot.
 
-A ground station reaches the vehicle only. So the vehicle forwards messages to the autopilot's component, and forwards
-the autopilot's answers to the stations. The autopilot answers requests for its parameters, and changes parameters
-between two steps. Each change is an event in the autopilot's log, so that a replay repeats the change. On request,
-parameters are stored at the end of the flight, so that no disk delays a flight.
+A ground station has a link to the vehicle only. So the vehicle forwards a station's messages to the autopilot, and the
+autopilot's answers to the stations. The autopilot answers requests for its parameters, and changes parameters between
+two control periods. Each change is an event in the autopilot's log, so that a replay repeats the change. If a station
+asks to store the parameters, they are written to the disk at the end of the flight, so that the disk cannot delay the
+flight.
 Source: docs page, Ground stations.
 """
 
@@ -31,15 +33,16 @@ ANSWERS = ("HEARTBEAT", "PARAM_VALUE", "STATUSTEXT", "COMMAND_ACK")
 
 
 class AutopilotRelay:
-    """Relay on the vehicle: it forwards parameter requests to the autopilot, and the answers to stations."""
+    """Relay on the vehicle, which forwards parameter requests to the autopilot and the autopilot's answers to ground
+    stations."""
 
     def __init__(self, endpoint: Endpoint, broadcast: Broadcast) -> None:
-        """Start without a known autopilot. The first heartbeat of an autopilot makes it known."""
+        """Start without an autopilot. Messages are forwarded after the first heartbeat of an autopilot."""
         self._endpoint, self._broadcast = endpoint, broadcast
         self._component = 0
 
     def pass_on(self, message: Message) -> None:
-        """Forward a message that is addressed to the autopilot, or that is an answer of the autopilot."""
+        """Forward a message if it is a request to the autopilot or an answer of the autopilot."""
         if message.system == self._endpoint.system:
             self._pass_answer(message)
         elif self._component and message.name in REQUESTS and self._is_for_autopilot(message):
@@ -64,19 +67,19 @@ class AutopilotRelay:
 
 
 def _describe_bounds(declared: Quantity) -> dict[str, Any]:
-    """Return unit, description and bounds of a parameter for the console."""
+    """Return unit, meaning and bounds of a parameter as a dictionary for the console."""
     bounds = {"low": declared.low, "high": declared.high, "above": declared.above, "modes": declared.modes or None}
     return {"unit": declared.unit, "meaning": declared.doc, **bounds}
 
 
 class AutopilotParameters:
-    """Parameter service of the autopilot: it answers requests and applies changes.
+    """Parameter service of the autopilot, which answers requests for parameters and changes parameters on request.
 
     Times `now` are by the autopilot's clock, in 100 ns.
     """
 
     def __init__(self, scenario: Scenario, step: CompiledBlock, endpoint: Endpoint, store: ParameterStore) -> None:
-        """step: the compiled autopilot of this scenario.  store: file in which changed parameters are stored."""
+        """step: compiled autopilot of the scenario.  store: file in which changed parameters are stored."""
         self._endpoint, self._step = endpoint, step
         held = {f"{PREFIX}.{path}" for path in step.parameters}
         self._parameters = Parameters(scenario.autopilot, PREFIX, only=held)
@@ -87,7 +90,7 @@ class AutopilotParameters:
         self._texts, self._storage = TextQueue(endpoint), 0
 
     def handle_message(self, message: Message) -> bool:
-        """Handle a request about parameters. Return True if the message is such a request to the autopilot."""
+        """Return True if the message is a parameter request to the autopilot. Such a message is handled."""
         own = self._endpoint.system, self._endpoint.component
         if message.name not in REQUESTS or (message.get("target_system"), message.get("target_component")) != own:
             return False
@@ -116,22 +119,25 @@ class AutopilotParameters:
         ]
 
     def value(self, path: str, slot: int) -> float | None:
-        """Return the value that a parameter has from the next step on; None if the parameter does not exist."""
+        """Return the value that a parameter has from the next control period on, or None if the parameter does not
+        exist."""
         index = self._parameters.index_of(path, slot)
         return None if index is None else self._parameters.values[index]
 
     def change(self, path: str, slot: int, value: float) -> str:
-        """Change a parameter from the next step on. Return the reason for a refusal, or an empty string."""
+        """Change a parameter from the next control period on. Return the reason if the change is refused, or an empty
+        string."""
         index = self._parameters.index_of(path, slot)
         if index is None:
-            return f"no parameter {path!r}, number {slot}"
+            return f"no parameter {path!r} with an element {slot}"
         before, refusal = self._parameters.values[index], self._parameters.change_value(index, value)
         if not refusal and self._parameters.values[index] != before:
             self._waiting.append(AutopilotChange(0, path.removeprefix(f"{PREFIX}."), slot, value))
         return f"{path} {refusal}" if refusal else ""
 
     def ask_storage(self) -> str:
-        """Request to store the parameters at the end of the flight. Return the reason for a refusal, or ""."""
+        """Request that the parameters are stored at the end of the flight. Return the reason if the request is refused,
+        or ""."""
         self._storage = WRITE_STORAGE if self._store.is_there else 0
         return "" if self._storage else NO_STORE
 
@@ -146,7 +152,7 @@ class AutopilotParameters:
         return True
 
     def apply_changes(self, t: int) -> list[AutopilotChange]:
-        """Apply the pending changes to the step at integer time t. Return these changes."""
+        """Apply the pending parameter changes to the compiled autopilot at integer time t. Return these changes."""
         changes = [change._replace(t=t) for change in self._waiting]
         self._waiting.clear()
         for change in changes:
@@ -154,13 +160,14 @@ class AutopilotParameters:
         return changes
 
     def due(self, now: int) -> list[bytes]:
-        """Return the packets that must be sent now."""
+        """Return the packets with parameters, texts and acknowledgements that must be sent now."""
         packets = [*self._packets, *self._texts.pack_texts(), *self._service.due(now)]
         self._packets.clear()
         return packets
 
     def store(self) -> str:
-        """Store or reset the parameters after a flight, if requested. Return a message for the user, or ""."""
+        """If a ground station has requested it, store or reset the parameters after a flight. Return a message for the
+        user, or ""."""
         if not self._storage:
             return ""
         is_reset, self._storage = self._storage == RESET_STORAGE, 0

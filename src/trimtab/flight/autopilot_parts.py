@@ -33,10 +33,10 @@ class AutopilotOptions(NamedTuple):
     """Options of the autopilot's end.
 
     typed: the command that the user typed; error messages suggest a changed command.
-    takes_over: True takes the vehicle over from another autopilot that flies it; False refuses such a vehicle.
-    confirms: True confirms that the vehicle may be armed again after a failsafe.
-    accepts: paths of settings that may differ between vehicle and autopilot; a path includes all settings below it.
-    store: file for parameters that a ground station asks to store; None: parameters are not stored.
+    takes_over: True to take the vehicle over from another autopilot that flies it. False to refuse such a vehicle.
+    confirms: True to confirm that the vehicle may be armed again after a failsafe.
+    accepts: paths of settings that may differ between vehicle and autopilot. A path includes all settings below it.
+    store: file for parameters that a ground station asks to store, or None to store no parameters.
     """
 
     typed: str | None = None
@@ -50,7 +50,8 @@ class AutopilotParts(NamedTuple):
     """Parts of the autopilot's end. Each part holds references to the parts that it uses."""
 
     scenario: Scenario
-    """Scenario of the flight, with added sensors that carry the pilot's requests and stick positions."""
+    """Scenario of the flight, with additional sensors whose samples contain the pilot's requests and stick
+    positions."""
     link: Link
     endpoint: Endpoint
     reporter: Reporter

@@ -1,7 +1,7 @@
 """Distribution of a vehicle's packets: samples go to its autopilot only, all other packets to all peers of the link.
 
-A ground station treats unknown messages as noise, and a gap in the sequence numbers as loss. So on a link that can send
-to each peer separately, a ground station gets no samples, and its packets have sequence numbers of their own.
+A ground station counts unknown messages as noise, and a gap in the sequence numbers as loss. So on a link that can send
+to each peer separately, a ground station gets no samples, and the packets for ground stations are numbered separately.
 Source: docs page, Vehicle; https://mavlink.io/en/guide/packet_loss.html.
 """
 
@@ -13,13 +13,15 @@ from trimtab.flight.mavlink.definitions import Message
 from trimtab.flight.mavlink.endpoint import Endpoint
 
 AUTOPILOT_TIMEOUT = seconds(10)
-"""Time without a message from an autopilot after which samples are no longer sent."""
+"""Time (100 ns) without a message from an autopilot after which samples are no longer sent."""
 AUTOPILOT_MESSAGES = ("HEARTBEAT", "TIMESYNC")
-"""Messages that identify a sender with the vehicle's own system id as an autopilot. Commands do so too."""
+"""Messages that only an autopilot sends. A sender of such a message or of a command, with the vehicle's own system id,
+counts as the autopilot."""
 
 
 class Broadcast:
-    """Distributor of a vehicle's packets to the peers of its link. Times `now` are by its clock, in 100 ns."""
+    """Distributor of a vehicle's packets to the peers of its link. Times `now` are by the vehicle's clock, in 100
+    ns."""
 
     def __init__(self, endpoint: Endpoint, link: Link, commands: Sequence[str]) -> None:
         """commands: names of the messages that carry a command."""
@@ -28,7 +30,7 @@ class Broadcast:
         self._autopilot_time = -2 * AUTOPILOT_TIMEOUT
 
     def accept_sender(self, messages: Sequence[Message], now: int) -> None:
-        """Accept the sender of `messages` as a peer of the link. Do nothing if `messages` is empty."""
+        """Accept the sender of the given messages as a peer of the link. Without messages, do nothing."""
         if not messages:
             return
         own = self._endpoint.system
@@ -38,7 +40,7 @@ class Broadcast:
         self._link.accept_sender(is_private=is_autopilot)
 
     def has_autopilot(self, now: int) -> bool:
-        """Return True if an autopilot has sent a message within AUTOPILOT_TIMEOUT. Only then are samples sent to it."""
+        """Return True if an autopilot has sent a message within AUTOPILOT_TIMEOUT. Otherwise no samples are sent."""
         return now - self._autopilot_time <= AUTOPILOT_TIMEOUT
 
     def send_private(self, packets: Iterable[bytes]) -> None:

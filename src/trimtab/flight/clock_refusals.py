@@ -1,9 +1,10 @@
-"""Answers of a vehicle to a peer with a wrong clock or key, and the message for the user.
+"""Answers of a vehicle to a peer with a wrong clock or a wrong signing key, and messages for the user.
 
-The vehicle answers a frame refused for its time stamp by one TIMESYNC, only to its sender and at most five times a
-second. From this answer, a peer whose clock is behind can correct its time stamps. A peer with the vehicle's own system
-id may ask for the time with another key or without a key, as `fly` does. It gets the same answer, so that it can report
-the problem. Peers that are not trusted get no other message. Ground stations without the key get no message at all.
+If the vehicle refuses a frame because of its time stamp, it sends one TIMESYNC message to the frame's sender, at most
+five times a second. A peer whose clock is behind can then correct its time stamps. A peer with the vehicle's own system
+id gets the same answer if it asks for the time with another key or without a key, as `fly` does. The peer can then
+report the problem. Peers whose frames are refused get no other message. Ground stations without the key get no message
+at all.
 Source: docs page, Signing.
 """
 
@@ -28,7 +29,8 @@ class RefusalAnswers:
         self._report_times: dict[tuple[str, int, int], int] = {}
 
     def handle_refusals(self, now: int) -> None:
-        """Handle the frames refused since the last call. Call this after each `feed` of the endpoint."""
+        """Answer and report the frames that were refused since the last call. Call this after each `feed` of the
+        endpoint."""
         endpoint, counts = self._endpoint, self._endpoint.counts
         for untimely in endpoint.untimely:
             message = untimely.message

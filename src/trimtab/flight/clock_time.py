@@ -1,11 +1,13 @@
-"""Messages of the CLOCK_TIME experiment, in the minimal framing of the thesis [1]: one header byte, an id, data.
+"""Messages of the CLOCK_TIME experiment, which measures the delays of a link, in the framing of the thesis [1]: one
+header byte, an id, data.
 
     up    A5 04 t0(4)                  down  A5 04 t0(4) uplink(2)       both in 0.1 ms
     up    A5 07 t0(8)                  down  A5 07 t0(8) far(8)          in 100 ns, for two clocks
     up    A5 06 10 boot(8) session(4) rate(4)     down  A5 06 10 boot(8) session(4) heard(4)
     load  A5 03 servo command(4)       load  A5 01 IMU record(23)
 
-The far end appends its timer reading to a request, and sends the request back. Bytes outside messages are skipped.
+The far end appends its timer reading to a request and sends the request back. Received bytes that belong to no message
+are skipped.
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5,
 for the experiment; header, ids and units are our own choice.
 """
@@ -19,28 +21,30 @@ from typing import NamedTuple
 
 HEADER, IMU, SERVO, CLOCK_TIME, STATUS, CLOCK_PAIR = 0xA5, 0x01, 0x03, 0x04, 0x06, 0x07
 TICKS = 1000
-"""Unit of the times in CLOCK_TIME messages, in 100 ns: 0.1 ms. The thesis used 1 ms."""
+"""Unit of the times in CLOCK_TIME messages: 0.1 ms, given as a multiple of 100 ns. The thesis used 1 ms."""
 LONGEST_UPLINK = 0xFFFF
-"""Largest uplink delay that fits into two bytes, in units of 0.1 ms. It means a delay of 6.5535 s or more."""
+"""Largest uplink delay that fits into two bytes, in units of 0.1 ms. This value is sent for any delay of at least
+6.5535 s."""
 UP: Mapping[int, int] = {CLOCK_TIME: 4, CLOCK_PAIR: 8, STATUS: 17, SERVO: 4}
 DOWN: Mapping[int, int] = {CLOCK_TIME: 6, CLOCK_PAIR: 16, STATUS: 17, IMU: 23}
-"""Number of bytes that follow a message's id, by id, for each direction."""
+"""Number of data bytes of each type of message, by the message's id. UP: messages to the far end. DOWN: messages from
+the far end."""
 HELLO = struct.Struct("<B8sII")
 LOAD_UP, LOAD_DOWN = bytes((HEADER, SERVO, *bytes(4))), bytes((HEADER, IMU, *bytes(23)))
 
 
 class ClockMessage(NamedTuple):
-    """Message of the CLOCK_TIME experiment: an id, and the bytes after the id."""
+    """Message of the CLOCK_TIME experiment: the message's id, and the data bytes after the id."""
 
     id: int
     data: bytes
 
 
 class ClockMessageParser:
-    """Parser of messages in a stream of bytes. After invalid bytes, it finds the next message.
+    """Parser of messages in a stream of bytes. It skips invalid bytes up to the next message.
 
     Args:
-        sizes: number of bytes after each id: UP at the far end, DOWN at the measuring end.
+        sizes: number of data bytes by message id: UP at the far end, DOWN at the measuring end.
     """
 
     def __init__(self, sizes: Mapping[int, int]) -> None:
@@ -63,10 +67,10 @@ class ClockMessageParser:
 
 
 class Hello(NamedTuple):
-    """Hello message: digest of the sender's boot id, session number, and a number that depends on the sender.
+    """Hello message: digest of the sender's boot id, session number, and a number whose meaning depends on the sender.
 
-    number: in a message of the measuring end, the load (byte/s) that it requests; in a message of the far end, the
-    number of requests that it has received.
+    number: from the measuring end, the load (byte/s) that the far end must send; from the far end, the number of
+    requests that have arrived there.
     """
 
     boot: bytes
@@ -79,13 +83,14 @@ class Hello(NamedTuple):
 
 
 def parse_hello(data: bytes) -> Hello | None:
-    """Parse the data of a STATUS message. Return None if its length is wrong."""
+    """Return the hello message in the data of a STATUS message, or None if the data have the wrong length."""
     size, *rest = HELLO.unpack(data)
     return Hello(*rest) if size == HELLO.size - 1 else None
 
 
 def boot_digest() -> bytes:
-    """Return eight bytes that identify this machine and its last boot. Equal digests mean one monotonic clock."""
+    """Return eight bytes that identify this machine and its last boot. Two programs with equal digests share one
+    monotonic clock."""
     try:
         text = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
     except OSError:  # no such file on this system: no shared clock is assumed
@@ -96,8 +101,8 @@ def boot_digest() -> bytes:
 class Reply(NamedTuple):
     """Reply to a request.
 
-    key: key of the request.  uplink: far end's clock when the request arrived, minus sender's clock when it departed
-    (100 ns).
+    key: key of the request.  uplink: far end's clock at the request's arrival, minus the sender's clock at its
+    departure (100 ns).
     """
 
     key: int
@@ -105,25 +110,25 @@ class Reply(NamedTuple):
 
 
 class ClockTimeExchange:
-    """Encoder of requests and decoder of replies, at the measuring end of the CLOCK_TIME experiment."""
+    """Encoder of requests and decoder of replies for the measuring end of the CLOCK_TIME experiment."""
 
     def __init__(self, session: int, boot: bytes | None = None) -> None:
         self._boot, self._session = boot_digest() if boot is None else boot, session
         self._parser = ClockMessageParser(DOWN)
         self.shared: bool | None = None
-        """True if both ends share one clock; None until the far end has answered."""
+        """True if both ends of the link share one clock, or None until the far end has answered."""
         self.heard = 0
-        """Number of requests that arrived at the far end, as last reported by that end."""
+        """Number of requests that arrived at the far end, as last reported by the far end."""
 
     def request(self, t: int) -> tuple[int, bytes]:
-        """Return key and bytes of a request that departs at t (100 ns)."""
+        """Return the key and the bytes of a request that is sent at t (100 ns)."""
         if self.shared is False:
             return t, struct.pack("<BBq", HEADER, CLOCK_PAIR, t)
         key = t // TICKS % 2**32
         return key, struct.pack("<BBI", HEADER, CLOCK_TIME, key)
 
     def pack_hello(self, rate: int) -> bytes:
-        """Return a hello message. It asks the far end to answer, and to send a load of `rate` (byte/s)."""
+        """Return a hello message, which asks the far end to answer, and to send a load of `rate` (byte/s)."""
         return Hello(self._boot, self._session, rate).pack()
 
     def read_replies(self, data: bytes) -> list[Reply]:
@@ -143,7 +148,7 @@ class ClockTimeExchange:
 
 
 def echo_request(message: ClockMessage, t: int) -> bytes:
-    """Return the far end's echo of a request that arrived at t (100 ns); empty for any other message."""
+    """Return the far end's reply to a request that arrived at t (100 ns), or empty bytes for any other message."""
     if message.id == CLOCK_PAIR:
         return struct.pack("<BB", HEADER, CLOCK_PAIR) + message.data + struct.pack("<q", t)
     if message.id != CLOCK_TIME:

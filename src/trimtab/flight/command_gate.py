@@ -1,4 +1,5 @@
-"""Filter that refuses commands with a wrong sender or clock, and reports refusals to both ends and to the log.
+"""Filter that refuses commands from a wrong sender or with a wrong time stamp, and reports the refusals to vehicle,
+autopilot and log.
 
 Source: docs page, Vehicle.
 """
@@ -15,34 +16,41 @@ from trimtab.flight.station.standard_services import Station
 
 MOST_COMMAND_LEAD = ms(200)
 """Largest accepted lead of a command's time stamp over the vehicle's clock (100 ns). A larger lead shows a wrong clock.
-If such a command were accepted, the failsafe would refuse all other commands until the time of its stamp.
+If such a command were accepted, the failsafe would refuse all other commands until the time of this time stamp.
 
-The limit is below the failsafe's time-out. So one wrong command makes the vehicle miss a few good commands, but
-does not trigger the failsafe.
+The limit is below the failsafe's time-out. So one accepted command with a leading time stamp makes the vehicle refuse a
+few good commands, but does not trigger the failsafe.
 """
 TELL_PERIOD, REPORT_PERIOD = seconds(1), seconds(10)
 AUTHORITY_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     "firmware.owner": (
         "i8",
-        Quantity("1", "Session of the vehicle's owner; 0: no owner, or an owner without a session.", kind="count"),
+        Quantity(
+            "1",
+            "Session number of the vehicle's owner; 0: no owner, or an owner without a session number.",
+            kind="count",
+        ),
     ),
     "firmware.foreign": (
         "i8",
-        Quantity("1", "Commands refused so far from senders without authority.", kind="count"),
+        Quantity("1", "Number of commands refused so far because their sender has no authority.", kind="count"),
     ),
     "firmware.leading": (
         "i8",
-        Quantity("1", "Commands refused so far because their time stamp is too far in the future.", kind="count"),
+        Quantity(
+            "1", "Number of commands refused so far because their time stamp is too far in the future.", kind="count"
+        ),
     ),
 }
-"""Signals of the vehicle's log: its owner, and counts of refused commands. `CommandGate.counts` returns the values."""
+"""Signals of the vehicle's log: the vehicle's owner, and counts of refused commands. `CommandGate.counts` returns the
+values."""
 
 
 class CommandGate:
     """Filter that accepts only the owner's commands. Times `now` are by the vehicle's clock, in 100 ns."""
 
     def __init__(self, station: Station, line: Broadcast, tell: Callable[[str], None]) -> None:
-        """tell: function that receives the messages for both ends and for the log."""
+        """tell: function that receives the messages for vehicle, autopilot and log."""
         self._station, self._authority, self._line, self._tell = station, station.authority, line, tell
         self._tell_time = 0
         self._report_times: dict[tuple[str, Sender], int] = {}
@@ -81,7 +89,7 @@ class CommandGate:
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """Current values of AUTHORITY_SIGNALS."""
+        """Current values of the signals in AUTHORITY_SIGNALS."""
         owner = self._authority.owner
         return 0 if owner is None else owner.session, self._authority.refused_commands, self.leading_commands
 

@@ -12,19 +12,21 @@ from trimtab.flight.mavlink.time_sync import TimeSync
 class CommandSender:
     """Sender of the commands of one flight.
 
-    The time stamps of the commands increase, because a vehicle rejects a command that is older than the last command.
+    Every command has a later time stamp than the command before, because a vehicle rejects a command that is older than
+    the last one.
     """
 
     def __init__(self, end: AutopilotEnd, endpoint: Endpoint, link: Link, sync: TimeSync) -> None:
-        """Start without a command. sync: estimate of the vehicle's clock."""
+        """Start without a command. sync: estimator of the vehicle's clock."""
         self._end, self._endpoint, self._link, self._sync = end, endpoint, link, sync
         self._last_time = self._jumps = 0
 
     def send(self, t: int, ahead: int) -> None:
-        """Send the current command. t: time of the loop.  ahead: the vehicle's time minus the loop's time.
+        """Send the current command. t: time of the control loop (100 ns).  ahead: the vehicle's time minus the loop's
+        time (100 ns).
 
-        The time stamps increase even if the estimate of the vehicle's clock decreases. After a jump of this clock, e.g.
-        a reboot of the vehicle, they may decrease.
+        The time stamps of commands increase even if the estimated time of the vehicle's clock decreases. Only after a
+        jump of the vehicle's clock, e.g. a reboot, may they decrease.
         """
         if t + ahead <= self._last_time and self._sync.jumps == self._jumps:
             ahead = self._last_time + 1 - t

@@ -1,4 +1,5 @@
-"""Problems that prevent a flight: wrong key, clock, scenario or owner. Each message says what to type.
+"""Descriptions of problems that prevent a flight: wrong signing key, clock, scenario or owner of the vehicle. Each
+description says what to type.
 
 Source: docs page, Fly.
 """
@@ -11,8 +12,8 @@ from trimtab.flight.mavlink.stamps import MOST_LEAD, PER_SECOND
 from trimtab.flight.station.identity import SettingDifference
 
 VEHICLE_CLOCK, COMPUTER_CLOCK, STORED_CLOCK = "vehicle", "computer", "stored"
-"""Choices of the clock for signing: the vehicle's clock, this computer's clock, or a clock that continues from the
-stored time stamp.
+"""Choices of the clock for the time stamps of signed packets: the vehicle's clock, this computer's clock, or this
+computer's clock continued from the stored time stamp.
 """
 
 
@@ -28,18 +29,19 @@ class ConnectionProblem(NamedTuple):
 
 
 def key_problem(frames: int, typed: str) -> ConnectionProblem:
-    """Return a description of the problem that the two ends have different keys.
+    """Return a description of the problem that vehicle and autopilot have different signing keys.
 
-    frames: number of the vehicle's frames that were rejected.  typed: the command that the user typed.
+    frames: number of rejected frames of the vehicle.  typed: the command that the user typed.
     """
     problem = f"wrong key: the vehicle signs with another key than this end ({frames} frames)"
     return ConnectionProblem(problem, f"{typed} --key FILE   with a copy of the vehicle's key file")
 
 
 def signing_problem(is_signed: bool, typed: str) -> ConnectionProblem:
-    """Return a description of the problem that only one end signs its packets. is_signed: True if this end signs."""
+    """Return a description of the problem that only one end of the link signs its packets. is_signed: True if the
+    autopilot signs, False if the vehicle signs."""
     if is_signed:
-        problem = "wrong key: the vehicle does not sign, and this end accepts signed frames only"
+        problem = "wrong key: the vehicle does not sign its frames, and this end accepts signed frames only"
         return ConnectionProblem(problem, f"{typed} --unsigned   or start the vehicle without --unsigned")
     problem = "wrong key: the vehicle accepts signed frames only, and this end has no key"
     return ConnectionProblem(problem, typed.replace(" --unsigned", ""))
@@ -49,7 +51,7 @@ def scenario_problem(differences: Sequence[SettingDifference], typed: str) -> Co
     """Return a description of the problem that the vehicle flies another scenario, or other parameters.
 
     Args:
-        differences: settings that differ between the two ends, at least one.
+        differences: settings that differ between vehicle and autopilot; at least one.
         typed: the command that the user typed.
     """
     shown = [str(d) for d in differences[:MOST_SHOWN]]
@@ -69,7 +71,7 @@ def scenario_problem(differences: Sequence[SettingDifference], typed: str) -> Co
 
 
 def _without_settings(typed: str, paths: Sequence[str]) -> str:
-    """Return a command without its --set options for these paths, since a path may be set only once."""
+    """Return a command line without the --set options for the given paths, since a path may be set only once."""
     for path in map(re.escape, paths):
         typed = re.sub(rf" --set[ =](?:'{path}=[^']*'|{path}=\S+)", "", typed)
     return typed
@@ -85,12 +87,12 @@ def owner_problem(owner: int, typed: str) -> ConnectionProblem:
 
 
 def clock_problem(lead: float, stored_lead: float, typed: str) -> ConnectionProblem:
-    """Return a description of the problem that the two ends' clocks differ.
+    """Return a description of the problem that the clocks of vehicle and autopilot differ.
 
     Args:
-        lead: lead of the vehicle's time stamps over this end's time stamps (s).
-        stored_lead: lead of this end's time stamps over its computer's clock (s). A flight with a wrong clock stores
-            such a lead.
+        lead: lead of the vehicle's time stamps over the autopilot's time stamps (s).
+        stored_lead: lead of the autopilot's time stamps over the clock of its computer (s). An earlier flight with a
+            wrong clock can cause such a lead.
         typed: the command that the user typed.
     """
     if stored_lead > MOST_LEAD / PER_SECOND and abs(lead + stored_lead) <= MOST_LEAD / PER_SECOND:

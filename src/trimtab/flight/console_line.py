@@ -1,7 +1,7 @@
-"""Connection of a flight to the pilot's console: it sends rows of signals and receives requests, over a socket.
+"""Connection of a flight to the pilot's console over a socket: it sends rows of signal values and receives requests.
 
-The console is another process. No call blocks. Rows are dropped while the socket's buffer is full, and at most
-MOST_PACKETS messages are read at a time.
+The console is another process. No method waits for it. While the socket's buffer is full, rows are dropped. One call
+reads at most MOST_PACKETS messages.
 Source: docs page, Protocol of the console.
 """
 
@@ -19,11 +19,11 @@ from trimtab.flight.console_packets import HEAD, LARGEST_PACKET, LONGEST_VECTOR,
 from trimtab.flight.flight_log import FlightRows
 
 MOST_PACKETS = 16
-"""Maximum number of packets read at once, so that no console can delay a flight."""
+"""Maximum number of packets read in one call, so that a console cannot delay a flight."""
 
 
 class ShownSignal(NamedTuple):
-    """Number that the console's page shows. slot: index of the number in a row of the flight's log."""
+    """Signal that the console's page shows. slot: index of the signal's value in a row of the flight's log."""
 
     path: str
     declared: Quantity | None
@@ -31,7 +31,8 @@ class ShownSignal(NamedTuple):
 
 
 def list_shown(rows: FlightRows) -> list[ShownSignal]:
-    """Return the numbers of a log row that the console's page shows: scalars and short vectors, but no times."""
+    """Return the signals of a flight's log that the console's page shows: scalars and elements of short vectors, but no
+    times."""
     shown, at = [], 0
     for path, shape, _, declared in rows.signals:
         size = int(np.prod(shape))
@@ -43,10 +44,10 @@ def list_shown(rows: FlightRows) -> list[ShownSignal]:
 
 
 class ConsoleLine:
-    """Connection from a flight to its console: it sends rows and messages, and receives requests."""
+    """Connection from a flight to its console. It sends rows of signal values and messages, and receives requests."""
 
     def __init__(self, end: socket.socket, clock: Clock = SYSTEM_CLOCK) -> None:
-        """end: one end of a pair of packet sockets; the console has the other end. clock: clock of this process."""
+        """end: one end of a pair of packet sockets, whose other end is the console's.  clock: clock of this process."""
         end.setblocking(False)
         self._end, self._clock = end, clock
         self._rows: FlightRows | None = None
@@ -54,7 +55,7 @@ class ConsoleLine:
         """Number of packets that could not be sent, e.g. because the socket's buffer was full."""
 
     def set_rows(self, rows: FlightRows) -> list[ShownSignal]:
-        """Define the contents of a row. Return the numbers that the page shows."""
+        """Set the layout of the flight's log rows. Return the signals that the page shows."""
         shown = list_shown(rows)
         self._rows, self._slots = rows, np.array([s.slot for s in shown], np.intp)
         self._numbers = np.zeros(rows.width)
@@ -63,7 +64,8 @@ class ConsoleLine:
         return shown
 
     def send_row(self, t: float, own: Sequence[float]) -> None:
-        """Send the row of time t (s). own: those numbers of the row that do not come from a compiled step."""
+        """Send the row of time t (s). own: values of the signals that do not come from a compiled block, in the order
+        of the layout."""
         assert self._rows is not None
         self._rows.fill(self._numbers, own)
         HEAD.pack_into(self._packet, len(ROW), t, self._clock.monotonic_ns() / NS_PER_SECOND)
@@ -76,7 +78,7 @@ class ConsoleLine:
         self._send(TEXT + json.dumps({"type": kind, **content}, allow_nan=False).encode())
 
     def receive(self) -> list[Mapping[str, Any]]:
-        """Return received messages of the console, at most MOST_PACKETS."""
+        """Return the messages received from the console, at most MOST_PACKETS."""
         found: list[Mapping[str, Any]] = []
         with contextlib.suppress(OSError):
             for _ in range(MOST_PACKETS):
@@ -88,7 +90,7 @@ class ConsoleLine:
         return found
 
     def close(self) -> None:
-        """Close the socket. The console then knows that the flight is over."""
+        """Close the socket, which shows the console that the flight is over."""
         self._end.close()
 
     def _send(self, packet: bytes | bytearray) -> None:

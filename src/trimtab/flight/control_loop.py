@@ -1,7 +1,9 @@
-"""Control loop of a flight. Each period receives packets, runs one compiled step, sends a command and logs a row.
+"""Control loop of a flight. In each period it receives packets, runs the compiled autopilot once, sends a command and
+logs a row.
 
-The periods end at absolute deadlines. The loop never waits for a disk, a console or a network. Requests to the
-supervisor in flight are written into a sensor sample that the supervisor reads, so a replay repeats them.
+The periods end at absolute deadlines. The loop never waits for a disk, a console or a network. A request to the
+supervisor in flight is written into a sensor sample that the supervisor reads. This sample is logged, so a replay
+repeats the request.
 Source: docs pages, Fly and Supervisor.
 """
 
@@ -23,7 +25,7 @@ from trimtab.flight.station.streams import pack_text
 MOST_PACKETS = 64
 """Maximum number of packets handled in one period, so that a flood of packets cannot stop the loop."""
 SERVO_FRAME = ms(20)
-"""Shortest time between two sent commands. Servos do not accept commands more often."""
+"""Shortest time between two sent commands, equal to the period of the servo pulses."""
 
 
 class ControlLoop:
@@ -44,8 +46,8 @@ class ControlLoop:
             parts: parts of the autopilot's end.
             pilot: pilot at a console, who decides when to arm; `NoPilot` without a console.
             log: log of the flight.
-            takes_over: True takes the vehicle over from another autopilot that flies it.
-            halts: True ends an armed flight at the first overrun.
+            takes_over: True to take the vehicle over from another autopilot that flies it.
+            halts: True to end an armed flight at the first overrun of a period.
         """
         self._parts, self._pilot, self._log = parts, pilot, log
         self._takes_over, self._halts, self._overrun = takes_over, halts, ""
@@ -57,7 +59,8 @@ class ControlLoop:
         self._sender = CommandSender(parts.autopilot_end, parts.endpoint, parts.link, parts.remote.clock.sync)
 
     def run(self, length: int, stop: Callable[[], bool]) -> int:
-        """Fly until `length` (100 ns) after arming, or until stop() returns True. Return the end time (100 ns)."""
+        """Fly until `length` (100 ns) after arming, or until stop() returns True. Return the loop's time at the end
+        (100 ns)."""
         parts, log, deadlines = self._parts, self._log, self.deadlines
         clock, period = parts.clock, parts.scenario.autopilot.period
         every = -(-max(period, SERVO_FRAME) // period)
@@ -78,7 +81,7 @@ class ControlLoop:
             began = clock.monotonic_ns()
             parts.autopilot_end.step.step()
             stepped = clock.monotonic_ns()
-            if k % every == 0 and deadlines.remaining(k + every) > 0:  # otherwise a newer command follows soon
+            if k % every == 0 and deadlines.remaining(k + every) > 0:  # if late, a newer command follows soon
                 self._sender.send(t, ahead)
                 self._pilot.note_command()
             self._update_line(t, now)
@@ -104,7 +107,7 @@ class ControlLoop:
         return self._parts.remote.arming.list_problems(was_armed, self.silence.is_silent, now, self._pilot.has_stopped)
 
     def _receive_until(self, k: int) -> int:
-        """Handle packets until deadline k. Return the time at the end of this work (ns)."""
+        """Handle packets until deadline k. Return the monotonic time afterwards (ns)."""
         packets = 0
         while True:
             left = self.deadlines.remaining(k)
@@ -116,7 +119,8 @@ class ControlLoop:
                 return self._parts.clock.monotonic_ns()
 
     def _set_inputs(self, t: int) -> None:
-        """Set the inputs of the step at integer time t: the pilot's stick, changed parameters, samples, requests."""
+        """Set the inputs of the compiled autopilot at integer time t: the pilot's stick, changed parameters, samples,
+        requests."""
         self._pilot.update(t)
         for change in self._parts.parameters.apply_changes(t):
             self._parts.reporter.report(str(change))
@@ -124,7 +128,7 @@ class ControlLoop:
         self._parts.supervised.set_inputs(t)
 
     def _update_line(self, t: int, now: int) -> None:
-        """Prepare arming, report events of the flight, and send the packets that are due."""
+        """Prepare arming if it is requested, report events of the flight, and send the packets that are due."""
         remote, link = self._parts.remote, self._parts.link
         if remote.arming.has_authority:
             self.arming_time = t if self.arming_time is None else self.arming_time
@@ -155,14 +159,14 @@ class ControlLoop:
                 parts.link.send(packet)
 
     def _show(self, t: int, own: tuple[float, ...]) -> None:
-        """Write a row of the log, and send the row to the console, if any."""
+        """Write a row of the log if there is a log, and send a row to the console if there is a console."""
         if self._log is not None:
             self._parts.autopilot_end.pose.fill(self._log.pose)
             self._log.write_row(t, own)
         self._pilot.show(t, own, self.deadlines)
 
     def _next_period(self, k: int) -> int:
-        """Return the number of the next period. Periods are skipped if the loop is far behind."""
+        """Return the number of the next control period. If the loop is far behind, periods are skipped."""
         passed, behind = self.deadlines.count_passed(k + 1)
         if passed:
             self.skipped += passed
@@ -170,7 +174,7 @@ class ControlLoop:
         return k + 1 + passed
 
     def _own_signals(self, now: int, late: int, step: int) -> tuple[float, ...]:
-        """Return the current values of FLIGHT_SIGNALS."""
+        """Return the current values of the signals in FLIGHT_SIGNALS."""
         parts, deadlines, samples = self._parts, self.deadlines, self._parts.autopilot_end.counts
         return (
             late * 1e-9,

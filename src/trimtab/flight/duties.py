@@ -1,9 +1,10 @@
-"""Duties of a vehicle's firmware besides flying: accept or refuse commands, and act safely when commands are missing.
+"""Duties of a vehicle's firmware: accept or refuse commands, and bring the vehicle to a safe state when commands are
+missing.
 
 The firmware also forwards the requests of ground stations (hold, resume, end) to the autopilot. It repeats a request
 every 100 ms until the autopilot acknowledges it. It also reports the autopilot's mode to the stations. The autopilot
-sends heartbeats as an onboard computer, with its supervisor's mode as their custom mode. An autopilot without a
-supervisor sends no custom mode, and accepts no requests.
+sends heartbeats as an onboard computer. Their custom mode is the mode of the autopilot's supervisor. An autopilot
+without a supervisor sends no custom mode, and accepts no requests.
 Source: docs pages, Vehicle and Station.
 """
 
@@ -40,29 +41,31 @@ from trimtab.vehicles.vehicle_type import VehicleType
 
 COMPUTER_MODE, HOLD_MODE = 15, 4
 STATION_MODES = {COMPUTER_MODE: "computer", MANUAL_MODE: "manual", HOLD_MODE: "hold"}
-"""Modes for ground stations. computer: obey the autopilot; manual: obey the pilot's sticks; hold: the autopilot holds.
+"""Names of the vehicle's modes by the mode number that ground stations use. computer: the vehicle obeys the autopilot;
+manual: it obeys the pilot's sticks; hold: it obeys the autopilot, whose mode is hold.
 
-The numbers are those of GUIDED, MANUAL and HOLD of ArduPilot's rovers and boats. Ground stations show these names.
+The mode numbers are those of GUIDED, MANUAL and HOLD of ArduPilot's rovers and boats, so that ground stations show
+these names.
 """
 RESEND_PERIOD, REQUEST_TIMEOUT, AUTOPILOT_TIMEOUT = ms(100), seconds(2), seconds(5)
-"""Time after which a request is repeated; time after which a request is given up; time without a heartbeat after which
-the autopilot counts as missing.
+"""Three times (100 ns): a request is repeated after the first, and given up after the second. The autopilot counts as
+missing if no heartbeat arrives within the third.
 """
 NO_AUTOPILOT_PROBLEM = "no supervised autopilot on the link"
 
 
 class CommandSource(NamedTuple):
-    """Mode of the vehicle, which names the source of its commands, and the cause of the last change of mode."""
+    """Mode of the vehicle, which says who commands it, and the cause of the last change of mode."""
 
     mode: str
     cause: str
 
 
 class CommandPath:
-    """Path of a command into the failsafe's step, through the block of the uplink if there is one."""
+    """Path of a received command into the compiled failsafe, through a compiled block of the uplink if there is one."""
 
     def __init__(self, step: CompiledBlock, uplink: CompiledBlock | None) -> None:
-        """uplink: block that commands pass before the failsafe's step, e.g. one with a fault."""
+        """uplink: compiled block that commands pass before the failsafe, e.g. with a fault, or None."""
         self._step, self._uplink = step, uplink
         self._first = step if uplink is None else uplink
         self._slots = _input_slots(self._first)
@@ -73,11 +76,13 @@ class CommandPath:
             self._inputs = slot_indices(own, paths, len(step.inputs))
 
     def slot(self, path: str) -> Any:
-        """Return the slot of a number of the newest command, in the inputs of the first block of the path."""
+        """Return the index of an element of the newest command in the inputs of the first compiled block of the
+        path."""
         return self._slots[path]
 
     def set_inputs(self, t: int, command: GroupSample | None) -> None:
-        """Write the newest command into the inputs of the failsafe's step, through the uplink if there is one."""
+        """Write the newest command into the inputs of the compiled failsafe, through the uplink's block if there is
+        one."""
         inputs, at = self._first.inputs, self._slots
         if command is not None:
             command.write(inputs)
@@ -90,7 +95,8 @@ class CommandPath:
 
 
 class Duties:
-    """Failsafe of a vehicle between a link and its actuators, with the pending requests."""
+    """Failsafe of a vehicle between its link and its actuators, with the requests that wait for the failsafe's next
+    call."""
 
     def __init__(
         self, failsafe: Failsafe, command: Command, world: CompiledBlock, uplink: CompiledBlock | None = None
@@ -99,9 +105,9 @@ class Duties:
 
         Args:
             failsafe: failsafe of the vehicle.
-            command: a command with the structure that the autopilot sends.
+            command: example of a command with the structure that the autopilot sends.
             world: compiled world. The failsafe's output is written into its inputs.
-            uplink: block that commands pass before the failsafe, e.g. one with a fault.
+            uplink: compiled block that commands pass before the failsafe, e.g. with a fault, or None.
         """
         self.failsafe, self._world, self.uplink = failsafe, world, uplink
         self.step = compile_kept(failsafe_block, failsafe, command)
@@ -114,20 +120,20 @@ class Duties:
         self._arm = self._disarm = False
         self.mode = CommandSource(MODES[0], CAUSES[0])
         self.breach = BREACHES[0]
-        """Kind of the violated limit: an input of the failsafe's next step."""
+        """Name of the limit that the vehicle violates, for the failsafe's next call."""
         self.is_ending = False
-        """True while the vehicle disarms because its own run ends."""
+        """True while the vehicle disarms because the vehicle's program ends."""
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
-        """Store a request for the next step of the failsafe."""
+        """Store a request for the failsafe's next call."""
         if isinstance(event, ArmRequest):
             self._arm, self._disarm = event.arm, not event.arm
         self.pilot.handle_event(event, now)
 
     def act(self, t: int, command: GroupSample | None) -> bool:
-        """Run the failsafe's step at integer time t. Return True if the mode changes.
+        """Run the compiled failsafe at integer time t. Return True if the mode changes.
 
-        command: the new command; None: no new command.
+        command: the newest command if one has arrived since the last call, otherwise None.
         """
         self.commands.set_inputs(t, command)
         inputs, at = self.step.inputs, self._inputs
@@ -145,12 +151,12 @@ class Duties:
 
     @property
     def is_commanded(self) -> bool:
-        """True while the autopilot or the pilot is in command."""
+        """True while the vehicle obeys the autopilot or the pilot."""
         return self.mode.mode in ("computer", "manual")
 
     @property
     def status(self) -> Status:
-        """Status that the vehicle reports."""
+        """Status of the vehicle (mode, armed or not, MAVLink state) for ground stations."""
         state = {"failsafe": State.CRITICAL, "disarmed": State.STANDBY}.get(self.mode.mode, State.ACTIVE)
         state = State.POWEROFF if self.is_ending and state != State.CRITICAL else state
         mode = MANUAL_MODE if self.pilot.wants_control else COMPUTER_MODE
@@ -158,7 +164,7 @@ class Duties:
 
 
 def _input_slots(step: CompiledBlock) -> dict[str, Any]:
-    """Return the slot of each input of a block, by path without the prefix "input."."""
+    """Return the index of each input of a compiled block, by the input's path without the prefix "input."."""
     return {path.removeprefix("input."): at for path, at in step.reads.items()}
 
 
@@ -210,7 +216,7 @@ class FlightRequests:
             self._tell(f"autopilot: {pending.request} refused")
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
-        """Start to forward a request to the autopilot. A newer request replaces an older one."""
+        """Start to forward a request to the autopilot. It replaces an earlier request that is still pending."""
         if isinstance(event, FlightRequest):
             self._pending = _PendingRequest(event.request, now, now, 0)
         elif isinstance(event, ModeRequest) and event.mode == HOLD_MODE:
@@ -220,7 +226,7 @@ class FlightRequests:
 
     @property
     def holds(self) -> bool:
-        """True if the autopilot last reported the mode hold."""
+        """True if the autopilot's last heartbeat reported the mode "hold"."""
         return self._mode == HOLDS
 
     @property
@@ -246,7 +252,7 @@ class FlightRequests:
         return [self._endpoint.pack("COMMAND_LONG", fields | to)]
 
     def status(self, status: Status, now: int) -> Status:
-        """Return the vehicle's status, with the autopilot's mode and problem added."""
+        """Return a copy of the vehicle's status in which the autopilot's mode and problem are set."""
         there = self._is_autopilot_present(now)
         mode = HOLD_MODE if there and self.holds and status.mode == COMPUTER_MODE else status.mode
         why = "" if there else NO_AUTOPILOT_PROBLEM

@@ -1,4 +1,5 @@
-"""Exchange over a link: conversion of a compiled step's numbers from and to messages, and requests with repetition.
+"""Exchange of data over a link: conversion between messages and the input and output vectors of a compiled block, and
+repeated requests.
 
 Source: docs page, Exchange.
 """
@@ -16,10 +17,11 @@ from trimtab.flight.mavlink.dialect import COMMAND, TIME, Dialect
 from trimtab.flight.mavlink.endpoint import Endpoint
 
 MOST_INCOMPLETE = 8
-"""Maximum number of incomplete samples that wait for missing messages. On some links packets overtake each other."""
+"""Maximum number of incomplete samples, whose messages have not all arrived. On some links packets overtake each other,
+so several samples may be incomplete."""
 T = TypeVar("T")
 Where = Callable[[str], int | slice]
-"""Function from the path of a record's leaf (a number or an array) to the index or slice of this leaf in a vector."""
+"""Function from the path of a number or array in a record to its index or slice in a vector."""
 
 
 class _MessageLayout(NamedTuple):
@@ -30,7 +32,8 @@ class _MessageLayout(NamedTuple):
 
 
 class MessageGroup:
-    """Group of messages that carry one sample or one command, with the conversion from and to a vector of numbers."""
+    """Group of messages that carry one sample or one command, with the conversion between these messages and a vector
+    of numbers."""
 
     def __init__(self, dialect: Dialect, group: str, where: Where) -> None:
         """group: name of the group in the dialect, e.g. "samples.imu" or "command"."""
@@ -49,7 +52,8 @@ class MessageGroup:
             self._layouts[name] = _MessageLayout(slots, whole, time, has_session)
 
     def pack(self, endpoint: Endpoint, vector: Any, shift: int = 0) -> list[bytes]:
-        """Return packets with the numbers of a vector. `shift` is added to the time in the packets."""
+        """Return packets with the values of this sample or command in a vector. shift: time (100 ns) that is added to
+        the time stamp in the packets."""
         packets = []
         for name, layout in self._layouts.items():
             numbers = vector[layout.slots].tolist()
@@ -59,7 +63,8 @@ class MessageGroup:
         return packets
 
     def assemble(self, message: Message) -> "GroupSample | None":
-        """Return the sample if this message completes it; None while messages of the same time are missing."""
+        """Return the sample or command that this message completes, or None while messages of the same time are
+        missing."""
         layout = self._layouts[message.name]
         time = message.values[layout.time]
         if len(self.names) == 1:
@@ -77,7 +82,7 @@ class MessageGroup:
 
 
 class GroupSample(NamedTuple):
-    """Complete sample or command from the link. t: time of the sample, by the sender's clock."""
+    """Complete sample or command, received over the link. t: time of the sample, by the sender's clock."""
 
     t: int
     slots: Sequence[int]
@@ -85,30 +90,30 @@ class GroupSample(NamedTuple):
     time: int
 
     def write(self, vector: Any, shift: int = 0) -> None:
-        """Write the sample into a vector. `shift` is added to the time of the sample."""
+        """Write the sample into a vector. shift: time (100 ns) that is added to the time of the sample."""
         vector[self.slots] = self.values
         vector[self.slots[self.time]] = self.t + shift
 
 
 def slot_indices(where: Mapping[str, Any], paths: Iterable[str], size: int) -> Any:
-    """Return the indices of the leaves at `paths`, in this order, in a vector of length `size`."""
+    """Return the indices, in a vector of length `size`, of the numbers and arrays at `paths`, in this order."""
     every = np.arange(size)
     return np.concatenate([np.zeros(0, np.intp), *(np.atleast_1d(every[where[p]]) for p in paths)])
 
 
 def sample_groups(dialect: Dialect, where: Where) -> dict[str, MessageGroup]:
-    """Return the group of messages that carries each sensor's samples, by the sensor's name."""
+    """Return the group of messages for the samples of each sensor, by the sensor's name."""
     prefix = "samples."
     return {g[len(prefix) :]: MessageGroup(dialect, g, where) for g in dialect.groups if g.startswith(prefix)}
 
 
 def command_group(dialect: Dialect, where: Where) -> MessageGroup:
-    """Return the group of messages that carry the command."""
+    """Return the group of messages for the command."""
     return MessageGroup(dialect, COMMAND, where)
 
 
 def receive_messages(link: Link, endpoint: Endpoint, timeout: float) -> list[Message]:
-    """Return the messages that were received and accepted. Their sender becomes the peer for replies."""
+    """Receive a packet and return the accepted messages in it. Their sender becomes the peer for replies."""
     messages = endpoint.feed(link.receive(timeout))
     if messages:
         link.accept_sender()
@@ -127,8 +132,8 @@ def request_answer(
 ) -> T | None:
     """Send packets repeatedly until a message answers them. Return the answer, or None after `patience` seconds.
 
-    packets: function that makes the packets of each attempt.  answer: function that returns the content of a message
-    that is an answer, and None for any other message.
+    packets: function that makes the packets of each attempt.  answer: function that returns the content of a message if
+    the message is an answer, otherwise None.
     """
     deadline = clock.monotonic_ns() + patience * NS_PER_SECOND
     while clock.monotonic_ns() < deadline:

@@ -1,4 +1,5 @@
-"""Log of a flight: rows are filled from the vectors of compiled steps, and passed to a separate writer process.
+"""Log of a flight: each row contains inputs and outputs of compiled blocks. A separate process writes the rows to the
+disk.
 
 Source: docs page, Fly.
 """
@@ -24,16 +25,17 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.program import describe_scenario
 
 FRAMES = {"vehicle": "vehicle", "autopilot": "estimate"}
-"""Name of the coordinate frame that moves with the vehicle, in the log of each side of the link."""
+"""Name of the coordinate frame that moves with the vehicle, in the vehicle's log and in the autopilot's log."""
 ROWS = 16384
-"""Number of rows in the ring buffer, which bridges the time for which a disk delays the writer."""
+"""Number of rows in the ring buffer, which keeps rows while the disk delays the writer's process."""
 WRITER_DIED = f"the log's writer died, or wrote nothing for {END_S:g} s; the rows written before are kept"
 
 
 class LogSource(NamedTuple):
-    """Vector whose numbers go into each row of a log.
+    """Vector of numbers that is copied into each row of a log, e.g. the outputs of a compiled block.
 
-    name: function from a member's path to its path in the log; the result None means that the member is not logged.
+    name: function from the path of a member in the vector to the member's path in the log. If the result is None, the
+    member is not logged.
     """
 
     vector: Any
@@ -42,31 +44,38 @@ class LogSource(NamedTuple):
 
 
 def frame_signals(prefix: str) -> dict[str, tuple[str, Quantity]]:
-    """Return the log signals that count a link's frames; paths start with `prefix`. `count_frames` gives the values."""
+    """Return the declarations of the log signals that count a link's frames. Their paths start with `prefix`.
+    `count_frames` returns their values."""
     return {
-        f"{prefix}.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
-        f"{prefix}.lost": ("i8", Quantity("1", "Frames lost so far, by gaps in the numbering.", kind="count")),
-        f"{prefix}.damaged": ("i8", Quantity("1", "Frames with a wrong checksum so far.", kind="count")),
-        f"{prefix}.garbage": ("i8", Quantity("1", "Bytes outside frames so far.", kind="count")),
+        f"{prefix}.refused": ("i8", Quantity("1", "Number of received frames refused so far.", kind="count")),
+        f"{prefix}.lost": (
+            "i8",
+            Quantity("1", "Number of frames lost so far, counted from gaps in the sequence numbers.", kind="count"),
+        ),
+        f"{prefix}.damaged": (
+            "i8",
+            Quantity("1", "Number of received frames with a wrong checksum so far.", kind="count"),
+        ),
+        f"{prefix}.garbage": ("i8", Quantity("1", "Number of received bytes outside frames so far.", kind="count")),
     }
 
 
 def count_frames(counts: FrameCounts) -> tuple[int, int, int, int]:
-    """Return the current values of the signals of `frame_signals`."""
+    """Return the current values of the signals that `frame_signals` declares."""
     return counts.refusals, counts.lost, counts.checksum, counts.garbage
 
 
 class FlightRows:
-    """Layout of a log row of a flight: numbers from vectors of compiled steps, then numbers that the caller passes with
-    the row.
+    """Layout of a log row of a flight: first the values from vectors of compiled blocks, then the values that the
+    caller passes with the row.
     """
 
     def __init__(self, sources: Sequence[LogSource], own: Mapping[str, tuple[str, Quantity]]) -> None:
         """Define the layout of a row.
 
         Args:
-            sources: vectors whose numbers go into each row.
-            own: type and declaration of each number that the caller passes with a row, by path.
+            sources: vectors that are copied into each row.
+            own: type and declaration of each signal whose value the caller passes with a row, by path.
         """
         self.signals: list[Signal] = []
         self._picks: list[tuple[Any, Any, slice]] = []
@@ -79,30 +88,33 @@ class FlightRows:
         self._own, self.width = slice(stop, stop + len(own)), stop + len(own)
 
     def fill(self, row: Any, own: Sequence[float]) -> None:
-        """Write the current numbers into a row, float64 (width,)."""
+        """Write the current values into a row, an array of float64 with shape (width,). own: values of the caller's
+        signals."""
         for vector, index, where in self._picks:
             row[where] = vector[index]
         row[self._own] = own
 
 
 class FlightRecorder(Protocol):
-    """Interface of the log of one end of a live flight. Only the method `await_room` waits."""
+    """Interface of the log of a live vehicle or autopilot. Only the method `await_room` waits."""
 
     pose: Any
-    """Pose of the vehicle, as in `logs.frames`. Each row of the log contains the pose that was set last."""
+    """Pose of the vehicle, with the layout of `logs.frames`. Each row of the log contains the pose that was set
+    last."""
     unread_rows: int
-    """Number of rows that the writer's process had not read when it died."""
+    """Number of rows that the writer's process had not read when this process died."""
 
     def start_clock(self, start: int, clock: Clock) -> None:
         """Set the log's time zero to `start`, a time of the monotonic clock (ns). Call this before the first row."""
         ...
 
     def write_row(self, t: int, own: Sequence[float] = ()) -> None:
-        """Write the row of time t: the current numbers of the vectors, then the numbers in `own`."""
+        """Write the row of time t: the current values of the vectors, then the values in `own`."""
         ...
 
     def await_room(self) -> None:
-        """Wait until the log has room for a row. Call this in lockstep, where a flight may be faster than the disk."""
+        """Wait until the log's buffer has room for a row. Call this in lockstep, where a flight may be faster than the
+        disk."""
         ...
 
     def write_event(self, text: str) -> None:
@@ -110,12 +122,14 @@ class FlightRecorder(Protocol):
         ...
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
-        """End the log. Return None if the writer's process has died or has stopped writing."""
+        """End the log. Return the summary of the log, or None if the writer's process has died or has stopped
+        writing."""
         ...
 
 
 class FlightLog:
-    """Log that puts each row into a ring buffer within a few microseconds. Only the method `await_room` waits."""
+    """Log of a live flight that copies each row into a ring buffer within a few microseconds. Only the method
+    `await_room` waits."""
 
     def __init__(
         self,
@@ -131,12 +145,14 @@ class FlightLog:
             path: path of a new file.
             rows: layout of a row.
             metadata: metadata of the log.
-            frame: name of the coordinate frame whose pose each row contains; empty: no pose, as in virtual time.
+            frame: name of the coordinate frame whose pose each row contains. If it is empty, rows contain no pose, as
+                in virtual time.
             limit: maximum size of the log on the disk; None: no limit.
         """
         self._rows, stop = rows, 1 + rows.width
         self.pose: Any = no_pose() if frame else np.zeros(0)
-        """Pose as in `logs.frames`. Change its elements in place. Each row contains the pose at that time."""
+        """Pose of the vehicle, with the layout of `logs.frames`. Change the elements in place. Each row contains the
+        pose at the time of the row."""
         self._row = np.zeros(stop + len(self.pose))
         self._numbers, self._poses = self._row[1:stop], self._row[stop:]
         self._ring = Ring.create(columns=len(self._row), rows=ROWS)
@@ -149,14 +165,15 @@ class FlightLog:
             raise
 
     def write_row(self, t: int, own: Sequence[float] = ()) -> None:
-        """Write the row of time t: the current numbers of the vectors, then the numbers in `own`."""
+        """Write the row of time t: the current values of the vectors, then the values in `own`."""
         self._row[0] = t
         self._rows.fill(self._numbers, own)
         self._poses[:] = self.pose
         self._ring.write_row(self._row)
 
     def await_room(self) -> None:
-        """Wait until the log has room for a row, or its writer has died. Virtual time may be faster than the disk."""
+        """Wait until the log's buffer has room for a row or the writer's process has died. Call this in virtual time,
+        which may be faster than the disk."""
         while self._ring.waiting_rows >= self._ring.rows and self._stream.is_alive:
             SYSTEM_CLOCK.wait(None, 1e-3)
 
@@ -169,7 +186,8 @@ class FlightLog:
         self._ring.write_text(text)
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
-        """End the log. Return None and set `unread_rows` if the writer has died or has stopped writing."""
+        """End the log and return the summary of the log. If the writer's process has died or has stopped writing,
+        return None and set `unread_rows`."""
         try:
             return self._stream.close(final)
         finally:
@@ -184,11 +202,12 @@ class FlightLog:
 def close_flight_log(
     log: FlightRecorder | None, lost_lines: int, final: Mapping[str, Any] | None = None
 ) -> LogFileSummary | None:
-    """End a log. If lines for the user were lost, first write their number into the log.
+    """End a log and return the summary of the log. If lines of text for the user were lost, first write their number
+    into the log.
 
     Args:
-        log: the log; None: no log.
-        lost_lines: number of lines for the user that were lost.
+        log: the log, or None if no log is written.
+        lost_lines: number of lines of text for the user that were lost.
         final: final values that are stored in the log.
     """
     if log is None:
@@ -199,7 +218,8 @@ def close_flight_log(
 
 
 def list_log_problems(log: FlightRecorder | None, summary: LogFileSummary | None) -> list[str]:
-    """Return the problems of a closed log. log: None for no log.  summary: None if the log's writer has died."""
+    """Return the problems of a closed log. log: the log, or None if no log was written.  summary: summary of the log,
+    or None if the writer's process has died."""
     if log is None:
         return []
     if summary is None:
@@ -213,10 +233,10 @@ def list_log_problems(log: FlightRecorder | None, summary: LogFileSummary | None
 
 
 class Disk(Protocol):
-    """Disk for the logs of live ends: the disk of this machine, or a disk in virtual time."""
+    """Disk for the logs of live vehicles and autopilots: the disk of this machine, or a disk in virtual time."""
 
     def free_bytes(self, folder: Path) -> int:
-        """Return the free space (bytes) on the disk of a folder."""
+        """Return the free space (bytes) on the disk that contains a folder."""
         ...
 
     def open_log(
@@ -231,16 +251,17 @@ LOOK_S = 1.0
 
 
 class SystemDisk:
-    """The disk of this machine. A separate process writes each log."""
+    """Disk of this machine. A separate process writes each log."""
 
     def __init__(self) -> None:
         self._free: dict[Path, int] = {}
 
     def free_bytes(self, folder: Path) -> int:
-        """Return the free space (bytes) on the disk of a folder, as a thread last measured it; 0 if the folder is
+        """Return the last measured free space (bytes) on the disk that contains a folder, or 0 if the folder is
         missing.
 
-        The first call for a folder measures directly. A disk that hangs does not hold up later calls.
+        The first call for a folder measures the space. A thread then repeats the measurement, so that a disk that hangs
+        does not delay later calls.
         """
         if folder not in self._free:
             self._free[folder] = _look_at_space(folder)
@@ -287,14 +308,14 @@ def open_flight_log(
 
     Args:
         path: file of the log.
-        sources: vectors whose numbers go into each row.
-        own: type and declaration of each number that the caller passes with a row, by path.
+        sources: vectors that are copied into each row.
+        own: type and declaration of each signal whose value the caller passes with a row, by path.
         scenario: the scenario that is flown.
         side: "autopilot" or "vehicle".
         seed: seed of the random numbers.
         log_period: time between rows (100 ns).
-        is_live: True if the flight runs by a clock, so that `start_clock` will be called.
-        limit: maximum size of the log (bytes). At the limit, a vehicle's log drops its oldest files, and an
+        is_live: True if the flight runs in real time, so that `start_clock` will be called.
+        limit: maximum size of the log (bytes), or None. At the limit, a vehicle's log drops its oldest files, and an
             autopilot's log stops.
         disk: disk on which the log is written.
     """
@@ -307,7 +328,7 @@ def open_flight_log(
 
 
 def _select_numbers(source: LogSource, signals: list[Signal]) -> list[int]:
-    """Return the indices of those numbers of a vector that are logged. Append their signals to `signals`."""
+    """Return the indices of the logged elements of a vector. Append a signal for each logged member to `signals`."""
     slots, at = [], 0
     for m in source.members:
         path = source.name(m.name)

@@ -1,4 +1,5 @@
-"""Events of a flight to report: sensors with decreasing time stamps, decisions of the supervisor, violated formulas.
+"""Reports of events in a flight: sensors with decreasing time stamps, decisions of the supervisor, violated formulas of
+the monitor.
 
 Source: docs pages, Fly and Supervisor.
 """
@@ -9,15 +10,15 @@ from trimtab.flight.supervised import explain_change
 
 
 class FlightNews:
-    """Reporter of changes during a flight. Each change is reported once."""
+    """Reporter of events in a flight. Each event is reported once."""
 
     def __init__(self, parts: AutopilotParts, silence: SilenceWatch) -> None:
-        """Start without reports. silence: detector of missing data from the vehicle."""
+        """Start with nothing reported. silence: detector of missing data from the vehicle."""
         self._parts, self._silence = parts, silence
         self._backward_sensors: list[str] = []
 
     def report(self, now: int, was_armed: bool) -> None:
-        """Report the changes since the last call. Also pass requests of ground stations on to the supervisor."""
+        """Report the changes since the last call, and pass requests of ground stations on to the supervisor."""
         parts = self._parts
         sensors = parts.autopilot_end.backward_sensors
         for sensor in sensors if sensors != self._backward_sensors else ():

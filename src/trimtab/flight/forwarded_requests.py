@@ -1,4 +1,5 @@
-"""Requests to the supervisor that the vehicle forwards from ground stations, and heartbeats with the supervisor's mode.
+"""Requests of ground stations to the supervisor, forwarded by the vehicle, and heartbeats that report the supervisor's
+mode.
 
 Source: docs page, Fly; MAVLink's services heartbeat and command.
 """
@@ -28,14 +29,15 @@ class ForwardedRequests:
         """endpoint: autopilot's end of the link."""
         self._endpoint = endpoint
         self.pending: deque[str] = deque(maxlen=MOST_REQUESTS)
-        """Requests that have not been passed to the supervisor yet."""
+        """Requests of ground stations that have not been passed to the supervisor yet."""
         self.mode: int | None = None
-        """Mode of the autopilot's supervisor, sent in heartbeats; None: no supervisor that accepts requests."""
+        """Number of the supervisor's mode, sent in heartbeats, or None without a supervisor that accepts requests."""
         self._last_mode: int | None = None
         self._next = 0
 
     def due(self, now: int) -> list[bytes]:
-        """Return the heartbeat if it is due now. After a change of mode it is due at once."""
+        """Return the heartbeat if it is due now, otherwise an empty list. After a change of mode the heartbeat is due
+        immediately."""
         if now < self._next and self.mode == self._last_mode:
             return []
         self._next, self._last_mode = now + HEARTBEAT_PERIOD, self.mode
@@ -43,7 +45,8 @@ class ForwardedRequests:
         return [self._endpoint.pack("HEARTBEAT", HEARTBEAT | mode)]
 
     def answer(self, message: Message) -> list[bytes]:
-        """Store the request of a COMMAND_LONG, and return the answer. Commands to other components are ignored."""
+        """Store the request in a COMMAND_LONG message, and return the packets that acknowledge it. Commands to other
+        components are ignored."""
         own = self._endpoint.system, self._endpoint.component
         if (message.get("target_system"), message.get("target_component")) != own:
             return []

@@ -1,8 +1,9 @@
 """Geographic position of a vehicle, from its position in the world frame W and the geographic position of W's origin.
 
-No position is sent until the origin is set, by `trimtab vehicle --origin`, or by SET_GPS_GLOBAL_ORIGIN from a ground
-station while the vehicle is disarmed. The position is for maps: no sensor and no law uses it. Heights are above sea
-level, but are used as heights above the ellipsoid. This makes a relative error of distances of at most 2e-5.
+No geographic position is sent until W's origin is set, by `trimtab vehicle --origin`, or by SET_GPS_GLOBAL_ORIGIN from
+a ground station while the vehicle is disarmed. The geographic position is for maps; no sensor and no control law uses
+it. Heights above sea level are treated as heights above the ellipsoid. This causes a relative error of distances of at
+most 2e-5.
 Source: https://mavlink.io/en/messages/common.html, GLOBAL_POSITION_INT, HOME_POSITION, GPS_GLOBAL_ORIGIN.
 """
 
@@ -27,7 +28,7 @@ SET_ORIGIN = "SET_GPS_GLOBAL_ORIGIN"
 
 
 def parse_origin(text: str) -> Place:
-    """Return the geographic position given as "LAT,LON,ALT", in degrees and metres above the sea.
+    """Return the geographic position in a text "LAT,LON,ALT", given in degrees and metres above sea level.
 
     Raises InputError for any other text.
     """
@@ -35,14 +36,16 @@ def parse_origin(text: str) -> Place:
         latitude, longitude, height = map(float, text.split(","))
     except ValueError:
         raise InputError(
-            argument_name("origin"), f"{text!r} must be LAT,LON,ALT", fix=argument("origin", "38.9897,-76.9378,20")
+            argument_name("origin"),
+            f"the position {text!r} must have the form LAT,LON,ALT",
+            fix=argument("origin", "38.9897,-76.9378,20"),
         ) from None
     place = Place(math.radians(latitude), math.radians(longitude), height)
     if not is_on_globe(place):
         raise InputError(
             argument_name("origin"),
             f"{text!r}: latitude, longitude or height is out of range",
-            fix="give LAT,LON,ALT: -90 to 90 degrees north, -180 to 180 degrees east, metres above the sea",
+            fix="write LAT,LON,ALT: -90 to 90 degrees north, -180 to 180 degrees east, metres above the sea",
         )
     return place
 
@@ -54,27 +57,28 @@ def is_on_globe(place: Place) -> bool:
 
 
 class Globe:
-    """Converter from positions in the world frame W to geographic positions, and MAVLink service that sets W's
-    origin."""
+    """Converter from positions in the world frame W to geographic positions, and MAVLink service that sets the
+    geographic position of W's origin."""
 
     names: Collection[str] = (SET_ORIGIN,)
 
     def __init__(self, endpoint: Endpoint, motion: Callable[[], VehicleMotion], origin: Place | None = None) -> None:
         """Compile the block that computes the geographic position.
 
-        motion: function that returns the current motion.  origin: geographic position of W's origin; None: unknown.
+        motion: function that returns the vehicle's current motion.  origin: geographic position of W's origin, or None
+        if it is unknown.
         """
         self._endpoint, self._motion = endpoint, motion
         self._block = compile_block(place_block())
         self._position: Any = self._block.reads["p_WB"]
         self.origin: Place | None = None
         self.home: VehicleMotion | None = None
-        """Motion of the vehicle when it was last armed."""
+        """Motion of the vehicle when it was last armed, or None before the first arming."""
         if origin is not None:
             self._set_origin(origin)
 
     def place(self, p_WB: Any) -> Place | None:
-        """Return the geographic position of a position p_WB (m) in W; None if the origin of W is not set."""
+        """Return the geographic position of the point p_WB (m) in W, or None if the origin of W is not set."""
         if self.origin is None:
             return None
         self._block.inputs[self._position] = p_WB
@@ -86,29 +90,32 @@ class Globe:
         self.home = self._motion()
 
     def position_fields(self, now: int) -> Mapping[str, Any] | None:
-        """Return the fields of GLOBAL_POSITION_INT; None if the origin of W is not set."""
+        """Return the fields of the message GLOBAL_POSITION_INT, or None if the origin of W is not set."""
         motion = self._motion()
         place = self.place(motion.p_WB)
         return None if place is None else telemetry.global_position(now, motion, place, self._home(motion))
 
     def home_fields(self, now: int) -> Mapping[str, Any] | None:
-        """Return the fields of HOME_POSITION; None if the origin of W is not set."""
+        """Return the fields of the message HOME_POSITION, or None if the origin of W is not set."""
         home = self._home(self._motion())
         place = self.place(home.p_WB)
         return None if place is None else telemetry.home_position(now, home.p_WB, quaternion(home.attitude), place)
 
     def origin_fields(self, now: int) -> Mapping[str, Any] | None:
-        """Return the fields of GPS_GLOBAL_ORIGIN; None if the origin of W is not set."""
+        """Return the fields of the message GPS_GLOBAL_ORIGIN, or None if the origin of W is not set."""
         return None if self.origin is None else telemetry.global_origin(now, self.origin)
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
-        """Handle a request to change the origin. It is refused while the vehicle is armed.
+        """Handle a request to change the geographic position of W's origin. The request is refused while the vehicle is
+        armed.
 
-        Return the current origin, and the reason for a refusal.
+        Return the packet with the current origin, and a text with the reason if the request is refused.
         """
         latitude, longitude = (math.radians(message.get(n) * DEGREES) for n in ("latitude", "longitude"))
         place = Place(latitude, longitude, message.get("altitude") * 1e-3)
-        problem = "the vehicle is armed" if is_armed else "" if is_on_globe(place) else "coordinates out of range"
+        problem = (
+            "the vehicle is armed" if is_armed else "" if is_on_globe(place) else "the coordinates are out of range"
+        )
         if not problem:
             self._set_origin(place)
         fields, text = self.origin_fields(now), f"Origin not set: {problem}"
@@ -116,11 +123,12 @@ class Globe:
         return ([] if fields is None else [self._endpoint.pack("GPS_GLOBAL_ORIGIN", fields)]) + said
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return no packets: all messages of this service are telemetry streams."""
+        """Return no packets, because telemetry streams send all messages of this service."""
         return []
 
     def _home(self, motion: VehicleMotion) -> VehicleMotion:
-        """Return the vehicle's motion at its home position. Before the first arming, this is the current motion."""
+        """Return the vehicle's motion when it was last armed, which defines home, or the current motion before the
+        first arming."""
         return motion if self.home is None else self.home
 
     def _set_origin(self, origin: Place) -> None:

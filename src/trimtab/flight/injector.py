@@ -1,4 +1,4 @@
-"""Fault injection into a flying virtual vehicle, through its parameters.
+"""Fault injection into a virtual vehicle in flight, by changing the vehicle's parameters over a link.
 
 Source: docs page, Faults.
 """
@@ -23,28 +23,30 @@ from trimtab.run.blocks import replace_links
 
 T = TypeVar("T")
 PATIENCE, RESEND_PERIOD = 10.0, 0.3
-"""Longest time to wait for an answer (s), and time after which a request is repeated (s)."""
+"""Longest time (s) to wait for the vehicle's answer, and time (s) after which an unanswered request is repeated."""
 FAULT_NUMBERS = ("start", "duration", "severity", "bias", "kind")
-"""Names of the numbers that describe a fault, in the order in which they are sent.
+"""Names of the parameters that describe a fault, in the order in which they are sent.
 
 `kind` is sent last, because it activates the fault.
 """
 
 
 def add_idle_faults(scenario: Scenario) -> Scenario:
-    """Return the scenario as a virtual vehicle flies it: on a real link, with an inactive fault in every part."""
+    """Return the scenario as a virtual vehicle runs it: a real link replaces the modelled links, and every part has an
+    inactive fault."""
     return add_dormant_faults(replace_links(scenario))
 
 
 class FaultPlan(NamedTuple):
-    """Parameters to set for a fault. values: value of each parameter, by name, in the order of sending."""
+    """Parameters of a vehicle to set for a fault. values: value of each parameter, by the parameter's name, in the
+    order of sending."""
 
     fault: Fault
     values: dict[str, float]
 
 
 def fault_parameter_names(scenario: Scenario) -> dict[str, str]:
-    """Return the parameter name of each number of a scenario's virtual vehicle, by path."""
+    """Return the MAVLink parameter name of each parameter of a scenario's virtual vehicle, by the parameter's path."""
     table = Parameters(add_idle_faults(scenario).world, "world").table()
     return {path: name for name, (path, _) in table.items()}
 
@@ -54,8 +56,8 @@ def plan_fault(scenario: Scenario, text: str, names: Mapping[str, str] | None = 
 
     Args:
         scenario: scenario that the vehicle flies.
-        text: the fault, see the docs page, Faults.
-        names: result of `fault_parameter_names`; None: computed here.
+        text: the fault, written as on the docs page Faults.
+        names: result of `fault_parameter_names`, or None to compute it here.
     """
     where, fault = parse_fault(scenario, text)
     if fault.watch:
@@ -71,13 +73,15 @@ def plan_fault(scenario: Scenario, text: str, names: Mapping[str, str] | None = 
 
 
 class Injector:
-    """Injector of faults: it sets parameters of a vehicle over a link, and waits for each answer."""
+    """Injector of faults, which sets parameters of a vehicle over a link and waits for the confirmation of each
+    parameter."""
 
     def __init__(self, link: Link, endpoint: Endpoint, clock: Clock = SYSTEM_CLOCK) -> None:
         self.link, self.endpoint, self._clock = link, endpoint, clock
 
     def inject(self, plan: FaultPlan) -> int:
-        """Set all numbers of a fault, with its start time relative to now. Return the start by the vehicle's clock.
+        """Set all parameters of a fault, whose start time is relative to now. Return the fault's start time by the
+        vehicle's clock.
 
         Times are in 100 ns.
         """
@@ -99,12 +103,16 @@ class Injector:
         if result is not None:
             return result
         counts = self.endpoint.counts
-        problem = f"no vehicle answers ({what}); frames accepted {counts.accepted}, refused {counts.refusals}"
-        fix = "start the vehicle: trimtab vehicle SCENARIO --listen URI; give its address, scenario, settings, key here"
+        problem = f"no vehicle answers ({what}); received frames: {counts.accepted} accepted, {counts.refusals} refused"
+        fix = (
+            "start the vehicle: trimtab vehicle SCENARIO --listen URI; then use the vehicle's address, scenario, "
+            "settings and key here"
+        )
         raise InputError(argument_name("link"), problem, fix=fix)
 
     def read_vehicle_time(self) -> int:
-        """Return the current time of the vehicle's clock (100 ns), accurate to half a round trip."""
+        """Return the current time of the vehicle's clock (100 ns), with an error of at most half the round-trip
+        time."""
 
         def answer(message: Message) -> int | None:
             mine = message.name == "TIMESYNC" and message.get("tc1") > 0
@@ -115,7 +123,7 @@ class Injector:
         )
 
     def set(self, name: str, value: float) -> None:
-        """Set a parameter. Repeat the request until the vehicle confirms the value."""
+        """Set a parameter of the vehicle. Repeat the request until the vehicle confirms the value."""
         to = {"target_system": 1, "target_component": 1}
         fields = {"param_id": name, "param_value": value, "param_type": REAL_32} | to
 
@@ -128,7 +136,7 @@ class Injector:
 
 
 def format_value(declared: Quantity, value: float) -> str:
-    """Return a number as text for the user: a mode by its name, a time with its unit."""
+    """Return a parameter's value as text for the user: a mode by its name, a time with its unit."""
     if declared.kind == "time":
         return "until the end" if value >= FOREVER else format_time(int(value))
     return declared.modes[int(value)] if declared.modes else f"{value:g}"

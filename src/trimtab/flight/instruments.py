@@ -1,4 +1,4 @@
-"""Telemetry that a virtual vehicle sends to ground stations, not to the autopilot.
+"""Telemetry that a virtual vehicle sends to ground stations. The autopilot does not use this telemetry.
 
 Position and velocity are the true values, so that a ground station shows what the vehicle really does.
 Source: docs page, Telemetry.
@@ -32,7 +32,7 @@ FORCE, RATE, FIELD = "specific_force", "angular_rate", "field"
 
 
 class Instruments:
-    """Reader of a virtual vehicle's state for telemetry."""
+    """Reader of the state of a virtual vehicle, for the telemetry."""
 
     def __init__(
         self,
@@ -47,10 +47,10 @@ class Instruments:
 
         Args:
             body: vehicle whose motion is sent.
-            duties: duties of the firmware; their failsafe gives names and ranges of the outputs.
-            guard: checks before arming.
+            duties: duties of the firmware. Their failsafe defines the names and ranges of the outputs.
+            guard: the vehicle's checks before arming.
             endpoint: endpoint of the vehicle.
-            origin: geographic position of the origin of the world frame W; None: unknown.
+            origin: geographic position of the origin of the world frame W, or None if it is unknown.
             clock: clock whose wall-clock time is sent as SYSTEM_TIME.
         """
         self._body, self._endpoint, self._clock = body, endpoint, clock
@@ -66,7 +66,7 @@ class Instruments:
         self._pulses, self._pulse_time = tuple[float, ...](), -2 * RADIO_TIMEOUT
 
     def telemetry_streams(self) -> Streams:
-        """Return all telemetry streams, with rates for a slow link."""
+        """Return all telemetry streams (repeated messages), with default rates for a slow link."""
         streams: dict[str, TelemetryStream] = {
             "ATTITUDE": TelemetryStream(lambda now: telemetry.attitude(now, self.vehicle_motion()), QUICK),
             "LOCAL_POSITION_NED": TelemetryStream(
@@ -90,7 +90,8 @@ class Instruments:
         return Streams(self._endpoint, streams)
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
-        """Store the safety pilot's channels when they arrive, and the position at which the vehicle is armed."""
+        """Handle a message or an event: store the safety pilot's radio channels, and set home when the vehicle is
+        armed."""
         if isinstance(event, ArmRequest) and event.arm and not self._duties.is_commanded:
             self.globe.mark_home()
         if isinstance(event, ReceiverChannels):
@@ -145,7 +146,8 @@ class Instruments:
 
 
 class SensorSlots(NamedTuple):
-    """Slots of a sensor's newest sample in a world's outputs. at: slot of each measured quantity, by name."""
+    """Indices of a sensor's newest sample in the outputs of a compiled world. at: index of each measured quantity, by
+    the quantity's name."""
 
     name: str
     at: Mapping[str, Any]
@@ -154,7 +156,8 @@ class SensorSlots(NamedTuple):
 
 
 def find_sensor(writes: Mapping[str, Any], quantity: str) -> SensorSlots | None:
-    """Return the slots of the first sensor that measures a quantity."""
+    """Return the indices of the newest sample of the first sensor that measures a quantity, or None without such a
+    sensor."""
     for path in writes:
         sensor, dot, name = path.partition(".value.")
         if dot and name == quantity and sensor.startswith("sensors."):
@@ -166,7 +169,8 @@ def find_sensor(writes: Mapping[str, Any], quantity: str) -> SensorSlots | None:
 
 
 def pair_slots(reads: Mapping[str, Any], writes: Mapping[str, Any]) -> list[tuple[Any, Any]]:
-    """Return a pair of slots (motion block, world) for each input of the motion block: true state and actuation."""
+    """Return a pair of indices for each input of the motion block (true state and actuation): index in the block's
+    inputs, index in the world's outputs."""
     acting = "input.truth", "input.u"
     pairs = [(p.removeprefix("input."), at) for p, at in reads.items() if p.startswith(acting)]
     return [(at, writes[p if p.startswith("truth") else f"actuators.{p}"]) for p, at in pairs]

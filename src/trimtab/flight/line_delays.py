@@ -1,12 +1,13 @@
-"""One-way delays of a link, measured as in the thesis [1].
+"""Measurement of the one-way delays of a link, with the method of the thesis [1].
 
-A request carries the sender's time t0. The far end appends its timer reading and sends the request back, and the
-answer arrives at the time now. With one clock on both ends
+A request contains the sender's time t0. The far end appends its timer reading and sends the request back. The reply
+arrives at the time now. If both ends share one clock,
 
     uplink = timer - t0,    downlink = now - t0 - uplink
 
-With two clocks, their offset is estimated from the quickest round trips, assuming equal delays up and down. The results
-are the statistics of the thesis's table, recordings to replay, and a channel model with the same moments.
+If the ends have two clocks, the offset of the clocks is estimated from the quickest round trips, assuming equal delays
+up and down. The results are the statistics in the thesis's table, recordings for the link model LatencyTrace, and a
+link model with the same mean and standard deviation.
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5.
 """
 
@@ -37,77 +38,80 @@ from trimtab.links.latency import BELOW_MIN_MS, SEND_PERIODS, Latencies, gamma_t
 from trimtab.links.latency_trace import Trace
 
 MOST_LOAD = 125_000
-"""Largest load that is sent (bytes per second), even if a larger load is requested."""
+"""Largest load (bytes per second) that the far end sends, even if a larger load is requested."""
 LOAD_TIMEOUT = 3.0
 """Time (s) for which the far end sends load after the last request for load."""
 BURST = 4
-"""Maximum number of load messages sent at once, after a delay of this machine."""
+"""Maximum number of load messages that are sent together after a delay of this machine."""
 HELLO_PERIOD = 0.5
 """Time between two hello messages to the far end (s)."""
 BITS_PER_BYTE = 10
-"""Bits per byte on a serial line, with start and stop bit. The data rates in [1] include these two bits."""
+"""Number of bits per byte on a serial line, including start and stop bit. The data rates in [1] include these two
+bits."""
 QUICKEST_SHARE = 0.05
-"""Fraction of the round trips from which the offset of two clocks is estimated: the quickest ones are used."""
+"""Fraction of the round trips, the quickest ones, from which the offset of two clocks is estimated."""
 LEAST_SD = 1e-5
-"""Smallest standard deviation (s) of the delays in the model of a link, e.g. if the measured delays do not vary."""
+"""Smallest standard deviation (s) of the delays in a fitted link model. It is used if the measured delays vary less."""
 
 
 class LinkTestPlan(NamedTuple):
-    """Plan of a measurement: load in each direction (kb/s, ten bits a byte), number of requests, requests per s."""
+    """Settings of a delay measurement: load in each direction (kb/s, with ten bits per byte), number of requests,
+    requests per second."""
 
     up: float
     down: float
     requests: int = 300
     rate: float = 10.0
     patience: float = 3.0
-    """Time to wait for the last replies (s)."""
+    """Time (s) to wait for replies after the last request."""
     seed: int = 0
 
     @property
     def first_patience(self) -> float:
-        """Return the time to wait for the first reply (s)."""
+        """Return the longest time (s) to wait for the first reply."""
         return 10 * self.patience
 
 
 class Delays(NamedTuple):
-    """Measured delays (s), one entry per request in the order sent, NaN where no reply came."""
+    """Measured delays (s): one value per request, in the order of sending, NaN for a request without a reply."""
 
     plan: LinkTestPlan
     send_times: np.ndarray[Any, Any]
     up: np.ndarray[Any, Any]
     down: np.ndarray[Any, Any]
     lost_up: int
-    """Number of requests that did not reach the far end. The replies to other unanswered requests were lost."""
+    """Number of requests that did not reach the far end. For the other unanswered requests, the reply was lost."""
     has_one_clock: bool
-    """True if both ends share one clock. Otherwise only the sum of both delays is certain."""
+    """True if both ends share one clock. Otherwise only the round-trip delay is measured, and its division into up and
+    down is estimated."""
     data_rates: tuple[float, float]
-    """Data rates sent and received (kb/s)."""
+    """Measured data rates (kb/s), sent and received."""
 
     @property
     def has_reply(self) -> np.ndarray[Any, Any]:
-        """Return an array with True for each request that has a reply."""
+        """Return a Boolean array with one element per request: True if the request has a reply."""
         return np.isfinite(self.up)
 
 
 class LoadPace:
-    """Pacer of load messages. They are sent so often that all sent bytes together reach a given rate (byte/s)."""
+    """Pacer of load messages. Load messages fill up the sent data to a given rate (byte/s)."""
 
     def __init__(self, size: int) -> None:
         self._size, self._due, self.rate = size, 0.0, 0.0
 
     def wait(self, t: float) -> float:
-        """Return the time from t (s) until the next message is due; one hour if no load is wanted."""
+        """Return the time (s) from t until the next load message is due, or one hour if the rate is zero."""
         return max(self._due - t, 0.0) if self.rate > 0 else 3600.0
 
     def due(self, t: float) -> bool:
-        """Return True if a message is due at t (s). The message then counts as sent."""
+        """Return True if a load message is due at time t (s). The message then counts as sent."""
         if self.rate <= 0 or t < self._due:
             return False
         self.count_bytes(self._size, t)
         return True
 
     def count_bytes(self, size: int, t: float) -> None:
-        """Count bytes that were sent at t (s)."""
+        """Count bytes that were sent at time t (s), which reduces the number of load messages."""
         if self.rate > 0:
             earliest = t - BURST * self._size / self.rate if self._due else t
             self._due = max(self._due, earliest) + size / self.rate
@@ -120,13 +124,13 @@ def echo_requests(
     clock: Clock = SYSTEM_CLOCK,
     boot: bytes | None = None,
 ) -> int:
-    """Send received requests back until stop() returns True. Return the number of these requests.
+    """Send received requests back until stop() returns True. Return the number of requests that arrived.
 
     Args:
         link: link to the measuring end.
-        stop: function called ten times a second; the result True ends the work.
+        stop: function called ten times a second. If it returns True, this function ends.
         clock: clock of this end.
-        boot: digest that identifies the clock; None: the digest of this machine.
+        boot: digest that identifies this end's clock, or None to use the digest of this machine.
     """
     parser, pace, boot = ClockMessageParser(UP), LoadPace(len(LOAD_DOWN)), boot_digest() if boot is None else boot
     session, heard, echoed, until = -1, 0, 0, 0.0
@@ -160,12 +164,13 @@ def echo_requests(
 def measure_delays(
     link: Link, exchange: ClockTimeExchange, plan: LinkTestPlan, clock: Clock = SYSTEM_CLOCK
 ) -> Delays | None:
-    """Send requests under load and collect the replies. Return None if the far end does not answer.
+    """Measure the delays of a link: send requests under load and collect the replies. Return None if the far end does
+    not answer.
 
     Args:
         link: link to a far end that runs `echo_requests`.
         exchange: encoder and decoder of the messages.
-        plan: load and number of requests.
+        plan: load, number of requests, and rate of the requests.
         clock: clock of this end.
     """
     session = _DelayMeasurement(link, exchange, plan, clock)
@@ -181,7 +186,7 @@ def measure_delays(
 
 
 class _DelayMeasurement:
-    """State of one measurement: departure time of each request, and content and arrival time of its reply."""
+    """State of one measurement: departure time of each request, and content and arrival time of each reply."""
 
     def __init__(self, link: Link, exchange: ClockTimeExchange, plan: LinkTestPlan, clock: Clock) -> None:
         self._link, self._exchange, self._plan, self._clock = link, exchange, plan, clock
@@ -201,7 +206,8 @@ class _DelayMeasurement:
         return self._exchange.shared is not None
 
     def ask(self) -> None:
-        """Send requests, and load between them. The times are irregular, so as not to coincide with a periodic task."""
+        """Send requests, with load messages between the requests. The sending times are irregular, so that they do not
+        coincide with a periodic task."""
         draw, pace = random.Random(self._plan.seed), LoadPace(len(LOAD_UP))
         pace.rate = self._plan.up * 1e3 / BITS_PER_BYTE
         at = hello_at = self._seconds()
@@ -223,7 +229,8 @@ class _DelayMeasurement:
             self._gather_replies(min(at - t, hello_at - t, pace.wait(t)))
 
     def finish(self) -> None:
-        """Wait for the last replies under load, and for the number of requests that reached the far end."""
+        """Continue to send load and wait for the last replies, then for the number of requests that reached the far
+        end."""
         end = self._seconds() + self._plan.patience
         while self._seconds() < end and len(self._back) < len(self._sent):
             self._link.send(self._hello)
@@ -232,7 +239,8 @@ class _DelayMeasurement:
                 self._gather_replies(left)
 
     def _gather_replies(self, wait: float) -> None:
-        """Store the replies that arrive within `wait` seconds. If a request has two replies, the first counts."""
+        """Store the replies that arrive within `wait` seconds. If a request has two replies, store only the first
+        reply."""
         data = self._link.receive(max(wait, 0.0))
         arrived = self._clock.monotonic_ns() // NS
         for key, uplink in self._exchange.read_replies(data) if data else ():
@@ -240,7 +248,7 @@ class _DelayMeasurement:
                 self._back.setdefault(key, (uplink, arrived))
 
     def delays(self, data_rates: tuple[float, float]) -> Delays:
-        """Return the measured delays. data_rates: measured data rates sent and received (kb/s)."""
+        """Return the measured delays. data_rates: measured data rates (kb/s), sent and received."""
         left = np.array(list(self._sent.values()), np.int64)
         came = np.array([key in self._back for key in self._sent], bool)
         answered = [(self._back[key], t0) for key, t0 in self._sent.items() if key in self._back]
@@ -255,17 +263,18 @@ class _DelayMeasurement:
 
 
 def clock_offset(up: np.ndarray[Any, Any], trip: np.ndarray[Any, Any]) -> float:
-    """Return the lead of the far clock (s), assuming equal delays up and down in the quickest round trips."""
+    """Return the lead (s) of the far end's clock over this end's clock, assuming equal delays up and down in the
+    quickest round trips."""
     quickest = np.argsort(trip)[: max(1, int(QUICKEST_SHARE * len(trip)))]
     return float(np.median((up - trip / 2)[quickest]))
 
 
 def link_traces(delays: Delays) -> dict[str, Trace]:
-    """Return a recording of the delays up, and a recording of the delays down, for LatencyTrace.
+    """Return two recordings for the link model LatencyTrace: delays to the far end (up), and delays back (down).
 
     If a request has no reply, either the request or the reply was lost. The far end reports the number of requests that
-    it has received, so the number of lost requests is known. That number of unanswered requests, evenly spread, counts
-    as lost on the way up. For the other unanswered requests, the reply counts as lost on the way down.
+    it has received, so the number of lost requests is known. Evenly spread over the unanswered requests, this number of
+    them counts as lost on the way up. For the other unanswered requests, the reply counts as lost on the way down.
     """
     missing = np.flatnonzero(~delays.has_reply)
     lost_up = np.zeros(len(delays.send_times), bool)
@@ -277,26 +286,27 @@ def link_traces(delays: Delays) -> dict[str, Trace]:
     left = (delays.send_times + np.where(delays.has_reply, up, mean))[arrived_up]
     order = np.argsort(left, kind="stable")
     fell = ~delays.has_reply[arrived_up][order]
-    # a request that arrived, but whose reply did not: its uplink delay is unknown, use the mean
+    # if only the reply was lost, the uplink delay is unknown: use the mean
     upward = Trace(delays.send_times, np.where(lost_up, 0.0, np.where(delays.has_reply, up, mean)), lost_up)
     return {"up": upward, "down": Trace(left[order], np.where(fell, 0.0, down[arrived_up][order]), fell)}
 
 
 def summarise_latencies(seconds: np.ndarray[Any, Any]) -> Latencies:
-    """Return mean, standard deviation, smallest and largest (ms) of the finite values: a row of the table in [1]."""
+    """Return mean, standard deviation, minimum and maximum (ms) of the finite delays, as in a row of the table in
+    [1]."""
     delays_ms = 1e3 * seconds[np.isfinite(seconds)]
     sd = float(delays_ms.std(ddof=1)) if len(delays_ms) > 1 else 0.0
     return Latencies(float(delays_ms.mean()), sd, float(delays_ms.min()), float(delays_ms.max()))
 
 
 def latency_rows(delays: Delays) -> dict[str, Latencies]:
-    """Return the rows "up", "down" and "round trip" of the table in [1]."""
+    """Return the statistics of the delays as in the table in [1], for "up", "down" and "round trip"."""
     rows = {"up": delays.up, "down": delays.down, "round trip": delays.up + delays.down}
     return {path: summarise_latencies(seconds) for path, seconds in rows.items()}
 
 
 class DelayModel(NamedTuple):
-    """Model of one direction of a link: shifted gamma distribution of latencies (s), and fraction of packets lost.
+    """Model of one direction of a link: shifted gamma distribution of latencies (s), and fraction of lost packets.
 
     mean, sd: measured mean and standard deviation.
     """
@@ -307,7 +317,8 @@ class DelayModel(NamedTuple):
     loss: float
 
     def settings(self, path: str) -> list[str]:
-        """Return settings of `trimtab run` for a scenario with links=measured. path: "up" or "down"."""
+        """Return the options of `trimtab run` that set this model in a scenario with links=measured. path: direction,
+        "up" or "down"."""
         table, period = np.round(gamma_table(self.mean, self.sd, self.shift), 6), SEND_PERIODS[path]
         where = f"world.{path}link"
         values = ",".join(f"{value:.6g}" for value in table)
@@ -316,7 +327,8 @@ class DelayModel(NamedTuple):
 
 
 def fit_delay_model(trace: Trace) -> DelayModel:
-    """Fit a model of one direction. The distribution starts 2 ms below the smallest latency, as in [1]."""
+    """Return the model of one direction of a link that fits measured latencies. The distribution starts 2 ms below the
+    smallest latency, as in [1]."""
     row = summarise_latencies(trace.latency_s[~trace.lost])
     shift = max(row.min_ms - BELOW_MIN_MS, 0.0) / 1e3
     mean = max(row.mean_ms / 1e3, shift + LEAST_SD)

@@ -1,9 +1,9 @@
-"""Both ends of a link in lockstep: virtual time stands still until the other end has answered.
+"""Vehicle's end and autopilot's end of a link in lockstep: virtual time advances only when the other end has answered.
 
-The vehicle's end sends the changed samples, then a message that ends the instant. The autopilot's end answers with the
-command of that instant. So the results equal those of `simulate`, whatever the link does. The autopilot's step runs
-once all samples of an instant have arrived. Lost packets are sent again. A repeated instant is answered with the same
-command.
+At each instant, the vehicle's end sends the changed samples, then a message that ends the instant. The autopilot's end
+answers with the command of this instant. So the results equal those of `simulate`, even if the link delays or loses
+packets. The autopilot computes a command once all samples of an instant have arrived. Lost packets are sent again. If
+the vehicle repeats an instant, the autopilot repeats the command.
 
 Source: docs page, Lockstep.
 """
@@ -31,23 +31,24 @@ from trimtab.run.cosimulation import prepare_world
 RESEND_PERIOD = 0.2
 """Time after which an unanswered packet is sent again (s)."""
 PATIENCE = 10.0
-"""Time without an answer after which the other end counts as lost (s)."""
+"""Time (s) without an answer after which the other end of the link counts as lost."""
 LINGER = 1.0
-"""Time without a repeated instant after which the autopilot's end stops answering the last one (s)."""
+"""Time (s) for which the autopilot's end waits for a repetition of the last instant before it ends."""
 END_PACKETS = 3
-"""Number of times that the vehicle's end sends that it has the last command."""
+"""Number of times that the vehicle's end sends the confirmation that the last command has arrived."""
 START_PATIENCE = 120.0
-"""Longest time that the start of the other end may take (s), including its compilation."""
+"""Longest time (s) that the program at the other end may take to start, including its compilation."""
 
 
 class NoAnswerError(Exception):
-    """Error: the other end did not answer in time."""
+    """Error that the other end of the link did not answer in time."""
 
 
 def lead_lockstep(
     vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, clock: Clock = SYSTEM_CLOCK
 ) -> Iterator[int]:
-    """Run the vehicle's end for the scenario's duration. Yield each instant once its command has arrived.
+    """Run the vehicle's end for the scenario's duration. Yield each instant once the command for this instant has
+    arrived.
 
     Raises NoAnswerError if the other end does not answer.
     """
@@ -67,7 +68,7 @@ def lead_lockstep(
 
 
 def _await_command(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, t: int, clock: Clock) -> GroupSample:
-    """Return the command for instant t."""
+    """Send the samples of instant t repeatedly until the command arrives, and return the command."""
     changed = vehicle.changed_sensors()
     patience = PATIENCE if t else START_PATIENCE
 
@@ -99,7 +100,8 @@ def follow_lockstep(
     period: int,
     clock: Clock = SYSTEM_CLOCK,
 ) -> Iterator[int]:
-    """Run the autopilot's end for a duration. Yield each instant after its step, before its command is sent.
+    """Run the autopilot's end for a duration. Yield each instant after its command is computed and before the command
+    is sent.
 
     Raises NoAnswerError if the vehicle sends no more data.
     """
@@ -112,9 +114,9 @@ def follow_lockstep(
 
     deadline, heartbeat_time = now() + START_PATIENCE, 0.0
     while done + period < duration:
-        if now() > heartbeat_time:  # on some links the vehicle sends only to peers that have sent something
+        if now() > heartbeat_time:  # on some links the vehicle sends only to peers that have already sent a packet
             link.send(endpoint.pack("HEARTBEAT", HEARTBEAT))
-            if done < 0:  # firmware waits until it is armed; a virtual vehicle ignores the request
+            if done < 0:  # firmware waits to be armed; a virtual vehicle ignores this request
                 link.send(endpoint.pack("COMMAND_LONG", arming))
             heartbeat_time = now() + RESEND_PERIOD
         for message in receive_messages(link, endpoint, RESEND_PERIOD):
@@ -132,7 +134,7 @@ def follow_lockstep(
         if now() > deadline:
             raise NoAnswerError(f"the vehicle has sent no data after the instant {done * 1e-7:g} s")
     deadline = now() + LINGER
-    while now() < deadline:  # the last command may be lost
+    while now() < deadline:  # the last command may be lost: answer repetitions of the last instant
         for message in receive_messages(link, endpoint, RESEND_PERIOD):
             if message.name == instant and message.get("t") > done:
                 return
@@ -146,10 +148,10 @@ MakeEndpoint = Callable[[Dialect], Endpoint]
 
 
 class LockstepVehicle:
-    """Vehicle's end in lockstep. It sends each instant and waits for the command."""
+    """Vehicle's end of a link in lockstep. It sends the samples of each instant and waits for the command."""
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
-        """Compile the world. endpoint: function that makes the vehicle's end of the link for a dialect."""
+        """Compile the simulated vehicle. endpoint: function that makes the vehicle's endpoint for a MAVLink dialect."""
         world, frame, command = prepare_world(scenario, seed=seed)
         dialect = derive_dialect(frame, command)
         self.scenario, self.seed = scenario, seed
@@ -175,10 +177,10 @@ class LockstepVehicle:
 
 
 class LockstepAutopilot:
-    """Autopilot's end in lockstep. It answers each instant with a command."""
+    """Autopilot's end of a link in lockstep. It answers the samples of each instant with a command."""
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
-        """Compile the autopilot. endpoint: function that makes the autopilot's end of the link for a dialect."""
+        """Compile the autopilot. endpoint: function that makes the autopilot's endpoint for a MAVLink dialect."""
         scenario.check()
         dialect = scenario_dialect(scenario)
         self.scenario, self.seed = scenario, seed
@@ -186,7 +188,8 @@ class LockstepAutopilot:
         self.autopilot_end = AutopilotEnd(scenario, dialect, compile_autopilot(scenario, seed=seed))
 
     def run(self, link: Link, log: Path | None = None) -> LogFileSummary | None:
-        """Answer instants for the scenario's duration. Raise NoAnswerError if no vehicle sends instants."""
+        """Answer each instant of the vehicle for the scenario's duration. Raise NoAnswerError if the vehicle sends no
+        instants."""
         period = self.scenario.autopilot.period
         sources = self.autopilot_end.log_sources()
         flight_log = open_flight_log(

@@ -1,7 +1,7 @@
-"""Computer on which a live program runs: its clock, disk, links, processes and signals.
+"""Computer on which a live program runs: clock, disk, links, processes and signals.
 
-Live code uses a Machine and does not call the system itself. So the same code runs in virtual time, on the machines of
-`flight.virtual_machine`.
+Live code uses the class Machine and does not call the operating system itself. So the same code also runs in virtual
+time, on the machines of `flight.virtual_machine`.
 Source: docs page, Testing.
 """
 
@@ -24,19 +24,21 @@ from trimtab.flight.real_time import RealTimeGrant, real_time
 from trimtab.flight.transports.open_link import open_link
 
 STORE_PERIOD_S = 1.0
-"""Time (s) between two stores of a future time stamp. A restarted program continues from the stored time stamp."""
+"""Time (s) between two writes of a future time stamp to the disk. A restarted program continues from the stored time
+stamp."""
 
 
 SAME_KEYPRESS_S = 0.3
-"""Time (s) within which a second signal counts as the same request: some terminals and wrappers send two signals."""
+"""Time (s) within which a second signal counts as the same request, because some terminals send a signal twice."""
 
 
 @contextlib.contextmanager
 def catch_interrupts(clock: Clock = SYSTEM_CLOCK) -> Iterator[Callable[[], bool]]:
-    """Turn Ctrl-C, SIGTERM and SIGHUP into a flag, so that the craft is disarmed and logs are closed.
+    """Convert Ctrl-C, SIGTERM and SIGHUP to a flag, so that the program can disarm the vehicle and close its logs
+    before it ends.
 
-    A second signal more than `SAME_KEYPRESS_S` after the first ends the program at once. SIGHUP is sent when a terminal
-    or an ssh session is lost. If SIGHUP was ignored before, as under nohup, it stays ignored.
+    A second signal, more than `SAME_KEYPRESS_S` after the first, ends the program immediately. SIGHUP is sent when a
+    terminal or an ssh session is lost. If SIGHUP was ignored before, as under nohup, it stays ignored.
     """
     asked: list[int] = []
 
@@ -59,7 +61,8 @@ def catch_interrupts(clock: Clock = SYSTEM_CLOCK) -> Iterator[Callable[[], bool]
 
 @contextlib.contextmanager
 def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
-    """Store future time stamps of an endpoint in another thread, so that the control loop never waits for the disk."""
+    """Store future time stamps of an endpoint in a separate thread within this context, so that the control loop never
+    waits for the disk."""
     done = threading.Event()
 
     def keep() -> None:
@@ -77,30 +80,31 @@ def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
 
 
 def list_stamp_problems(endpoint: Endpoint) -> list[str]:
-    """Return a message if time stamps could not be stored beside the key, else an empty list."""
+    """Return a list with a message if time stamps could not be stored beside the key, otherwise an empty list."""
     failed = 0 if endpoint.stamps is None else endpoint.stamps.unsaved
     fix = "free space on the disk of the key, else old packets may be accepted after a restart"
     return [f"the time stamps beside the key could not be stored (failed attempts: {failed}): {fix}"] if failed else []
 
 
 class LineSink(Protocol):
-    """Receiver of lines for the user. Only `settle` waits."""
+    """Queue of lines of text for the user. Only the method `settle` waits."""
 
     def settle(self) -> int:
-        """Wait briefly for lines that are not written yet.
+        """Wait a short time for the lines that are not written yet.
 
         Return the number of lost lines, including lines still unwritten.
         """
         ...
 
     def put(self, text: str) -> None:
-        """Queue a line for the user."""
+        """Queue a line of text for the user."""
         ...
 
 
 @contextlib.contextmanager
 def write_lines(write: Callable[[str], object]) -> Iterator[LineSink]:
-    """Write lines in a thread. At the end, wait at most one second for the remaining lines."""
+    """Write lines of text for the user in a thread within this context. At the end, wait at most one second for the
+    remaining lines."""
     writer = LineWriter(write)
     try:
         yield writer
@@ -112,12 +116,12 @@ class OpenLink(Protocol):
     """Function that opens a link, see `transports.open_link.open_link`."""
 
     def __call__(self, uri: str, *, listen: bool = False) -> Link:
-        """Open the link of an address."""
+        """Open the link with the given address."""
         ...
 
 
 class Machine(NamedTuple):
-    """Parts of a computer that a live program uses. The default is the computer that runs Python."""
+    """Functions of a computer that a live program uses. The defaults are those of the computer that runs Python."""
 
     clock: Clock = SYSTEM_CLOCK
     disk: Disk = SYSTEM_DISK
@@ -125,15 +129,18 @@ class Machine(NamedTuple):
     start_outputs: StartOutputs = start_outputs_process
     """Function that starts the process of a vehicle's outputs."""
     real_time: Callable[[bool], AbstractContextManager[RealTimeGrant]] = real_time
-    """Context in which the program has real-time scheduling and locked memory, if the system allows it."""
+    """Function that returns a context in which the program has real-time scheduling and locked memory, if the system
+    allows it."""
     catch_interrupts: Callable[[], AbstractContextManager[Callable[[], bool]]] = catch_interrupts
-    """Context that turns a signal to end the program into a flag."""
+    """Function that returns a context in which a signal to end the program only sets a flag."""
     store_stamps_ahead: Callable[[Endpoint], AbstractContextManager[None]] = store_stamps_ahead
-    """Context that stores future time stamps of an endpoint, and closes the endpoint at the end."""
+    """Function that returns a context in which the time stamps of an endpoint are stored. At its end the endpoint is
+    closed."""
     write_lines: Callable[[Callable[[str], object]], AbstractContextManager[LineSink]] = write_lines
-    """Context that writes lines for the user in a thread, so that the program never waits for the terminal."""
+    """Function that returns a context in which a thread writes lines of text for the user, so that the program never
+    waits for the terminal."""
     typed_words: Callable[[], Sequence[str]] = lambda: sys.argv[1:]
-    """Function that returns the words of the command line after the program's name."""
+    """Function that returns the arguments of the command line, without the program's name."""
     draw_session: Callable[[], int] = draw_session
     """Function that returns a random session number."""
 

@@ -1,4 +1,5 @@
-"""Safety pilot of a vehicle: sticks of a radio receiver or a joystick, and the conditions under which they are obeyed.
+"""Safety pilot of a vehicle: stick positions from a radio receiver or a joystick, and the conditions under which the
+vehicle obeys them.
 
 Source: docs page, Vehicle.
 """
@@ -15,17 +16,20 @@ from trimtab.flight.exchange import slot_indices
 from trimtab.flight.mavlink.protocol import JoystickAxes, ModeRequest, ReceiverChannels, VehicleEvent
 
 MANUAL_MODE = 0
-"""Number of the mode in which the pilot's sticks are obeyed: ArduPilot's MANUAL of rovers and boats."""
+"""Number of the mode in which the vehicle obeys the pilot's sticks. It equals the number of MANUAL of ArduPilot's
+rovers and boats."""
 SWITCH = 4
-"""Index of the mode switch, the pilot's fifth channel: above 1.5 ms the sticks are obeyed."""
+"""Index of the radio channel of the mode switch (the fifth channel). Above a pulse width of 1.5 ms the vehicle obeys
+the sticks."""
 RADIO_TIMEOUT = ms(500)
 WIDEST_RANGE = 1e30
-"""Smallest range (high - low) at which a command's number counts as unlimited. Sticks cannot set such a command."""
+"""Smallest range (high - low) at which an element of a command counts as unlimited. Sticks cannot set such a
+command."""
 LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
 
 
 class ManualControl:
-    """Writer of the safety pilot's data into the inputs of the failsafe's step.
+    """Writer of the safety pilot's data into the inputs of the compiled failsafe.
 
     Times are by the vehicle's clock, in 100 ns.
     """
@@ -34,9 +38,9 @@ class ManualControl:
         """Start without data from a pilot.
 
         Args:
-            failsafe: failsafe of the vehicle. Its limits of a command are the values at full deflection of the sticks.
-            inputs: inputs of the failsafe's step.
-            slots: slot of each input, by name.
+            failsafe: failsafe of the vehicle. At full deflection of a stick, the command is at the failsafe's limit.
+            inputs: input vector of the compiled failsafe.
+            slots: index of each input in this vector, by the input's name.
         """
         self._inputs, self._slots = inputs, slots
         self._low, self._range = command_ranges(failsafe)
@@ -48,15 +52,15 @@ class ManualControl:
 
     @property
     def wants_control(self) -> bool:
-        """True while the mode or the switch selects the pilot's sticks."""
+        """True while the vehicle's mode or the pilot's mode switch selects the pilot's sticks."""
         return self._is_mode or self._is_switched
 
     def radio_silence(self, now: int) -> int | None:
-        """Return the time since the last data of the safety pilot's sticks; None: never received."""
+        """Return the time since the last data from the safety pilot's sticks, or None if no data were ever received."""
         return None if self._radio_at is None else now - self._radio_at
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
-        """Store the pilot's data for the next step. Other events have no effect."""
+        """Store the safety pilot's data in an event for the next call of the failsafe. Other events have no effect."""
         if isinstance(event, ModeRequest):
             self._is_mode = event.mode == MANUAL_MODE
         elif isinstance(event, ReceiverChannels) and event.is_release:
@@ -82,19 +86,20 @@ class ManualControl:
             self._radio_at = now
 
     def set_inputs(self, t: int) -> None:
-        """Set the inputs of the step at integer time t that depend on the pilot."""
+        """Set the failsafe's inputs that depend on the safety pilot, at integer time t."""
         is_received = self._radio_at is not None and t - self._radio_at <= RADIO_TIMEOUT
         self._inputs[self._slots["radio"]] = is_received or self._is_released
         self._inputs[self._slots["takeover"]] = self.wants_control
 
     def end_step(self) -> None:
-        """Forget a receiver that was released. Call this after the step that ends the pilot's takeover."""
+        """Forget the radio receiver if a ground station has released it. Call this after each call of the failsafe."""
         if self._is_released:
             self._radio_at, self._is_released = None, False
 
 
 def command_ranges(failsafe: Failsafe) -> tuple[Any, Any]:
-    """Return the lowest value and the range of each number of a command. Without limits, the range is NaN."""
+    """Return the lowest value and the range (high - low) of each element of a command. The range of an element without
+    limits is NaN."""
     low, high = (
         np.concatenate([np.zeros(0), *(np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r))])
         for r in (failsafe.low, failsafe.high)

@@ -1,4 +1,4 @@
-"""Monitor inside a compiled autopilot: messages on violated formulas, for the user and for the flight's log.
+"""Monitor inside a compiled autopilot. It reports violated formulas to the user and to the flight's log.
 
 Source: docs pages, Fly and Monitor.
 """
@@ -11,7 +11,8 @@ from trimtab.loop.scenario import Scenario
 
 
 class _Watched(NamedTuple):
-    """Monitored formula. robustness, verdict: slots of these two numbers in the outputs of the step."""
+    """Monitored formula. robustness, verdict: indices of the formula's robustness and verdict in the output vector of
+    the compiled autopilot."""
 
     name: str
     text: str
@@ -21,10 +22,10 @@ class _Watched(NamedTuple):
 
 
 class CompiledMonitor:
-    """Monitor of a compiled step. In a step without a monitor, no formula is ever violated."""
+    """Reader of the monitor in a compiled autopilot. For an autopilot without a monitor, no formula is reported."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
-        """step: the compiled autopilot of this scenario."""
+        """step: compiled autopilot of the scenario."""
         monitor, self._step = scenario.autopilot.monitor, step
         self._watched: list[_Watched] = []
         if monitor is not None:

@@ -1,17 +1,17 @@
-"""Port of a vehicle's outputs: shared memory with the row to apply now, for the driver of servos and motors.
+"""Port of a vehicle's outputs: shared memory with the output values to apply now, for the driver of servos and motors.
 
-    struct, little-endian     number of the write (u64, odd during a write), time of the write, time of the last sign
-                              of life, delay of the lift fan (ns each, i64), number of values n (u16), state (u8),
+    struct, little-endian     count of writes (u64, odd during a write), time of the write, time of the last sign of
+                              life, delay of the lift fan (ns each, i64), number of values n (u16), state (u8),
                               lift (u8)
     n float64, n float64      the applied values, the safe values
 
-The process of the outputs gives a sign of life every 20 ms, whether or not a value changes: it writes the current time
-into the port. A driver must read the port at least that often, and compare this time with the monotonic clock. If the
-last sign of life is older than 100 ms, the process is dead or frozen. The driver then applies the safe values, and
-stops the lift fan after its delay. `OutputReader` follows this rule. The port is not on the disk of the log, since a
-disk may hang.
+Every 20 ms, even if no value changes, the process of the outputs writes the current time into the port as a sign of
+life. A driver must read the port at least every 20 ms, and compare the time of the last sign of life with the monotonic
+clock. If the last sign of life is older than 100 ms, the process is dead or frozen. The driver then applies the safe
+values, and stops the lift fan after its delay. `OutputReader` implements this rule. The port is in shared memory and
+not on the disk of the log, because a disk may hang.
 
-This module needs only the standard library, since it runs in the process of the outputs and in drivers.
+This module imports only the standard library, because it runs in the process of the outputs and in drivers.
 Source: docs page, Vehicle (Watchdog).
 """
 
@@ -27,21 +27,22 @@ from typing import NamedTuple
 
 PORT_HEAD = struct.Struct("<QqqqHB?")
 LIFE_OFFSET = 16
-"""Byte offset, in the port, of the time of the last sign of life."""
+"""Byte offset in the port at which the time of the last sign of life is stored."""
 MOST_READS = 100
-"""Maximum number of attempts to read a row while it is being written."""
+"""Maximum number of attempts to read the port while the values are being written."""
 LIFE_PERIOD, LIFE_TIMEOUT = 20_000_000, 100_000_000
-"""Time (ns) between two signs of life, and age of a sign of life at which a driver treats the writer as dead."""
+"""Time (ns) between two signs of life, and age (ns) of the last sign of life above which a driver treats the writing
+process as dead."""
 STATES = ("waiting", "driven", "safe", "latched", "stale")
 WAITING, DRIVEN, SAFE, LATCHED, STALE = range(5)
 SHARED_MEMORY = Path("/dev/shm")
 
 
 class OutputRow(NamedTuple):
-    """Row of outputs: the values that a driver applies at a time.
+    """Output row of a vehicle: the values that a driver applies to all outputs at a time.
 
-    state: index in STATES.  lift: True if the lift fan turns.  values: numbers of the command, in the order of the
-    command's record.
+    state: index in STATES.  lift: True if the lift fan turns.  values: elements of the command, in the order in which
+    the command's record declares them.
     """
 
     state: int
@@ -50,7 +51,7 @@ class OutputRow(NamedTuple):
 
 
 def memory_folder() -> Path:
-    """Return this user's folder in shared memory, else in the temporary folder.
+    """Return this user's folder in shared memory, or in the temporary folder if the system has no shared memory.
 
     Raise PermissionError if other users have access to the folder.
     """
@@ -60,24 +61,24 @@ def memory_folder() -> Path:
         folder.mkdir(mode=0o700)
     status = folder.lstat()
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != user or status.st_mode & 0o077:
-        raise PermissionError(f"others have access to {folder}")
+        raise PermissionError(f"other users have access to the folder {folder}")
     return folder
 
 
 def port_path(process: int) -> Path:
-    """Return the path of the port that a process writes. process: process id."""
+    """Return the path of the port of a process of outputs. process: process id."""
     return memory_folder() / f"outputs-{process}.bin"
 
 
 class OutputPort:
-    """Writing side of the port, in the process of the outputs."""
+    """Writer of the port, used in the process of the outputs."""
 
     def __init__(self, path: Path, safe: Sequence[float], lift_delay: int) -> None:
-        """Make the port. The safe values are applied first.
+        """Make the port, with the safe values as the first output row.
 
         Args:
-            path: file to make in shared memory. An older file of this name is replaced.
-            safe: the safe values.
+            path: file to make in shared memory. An existing file is replaced.
+            safe: output values that make the vehicle safe.
             lift_delay: time (ns) for which the lift fan keeps turning after the safe row takes effect.
         """
         self.path, self._lift_delay, self._count = path, lift_delay, 0
@@ -91,7 +92,7 @@ class OutputPort:
         self.write(OutputRow(WAITING, False, tuple(safe)), 0)
 
     def write(self, row: OutputRow, now: int) -> None:
-        """Write the row that is applied from now (ns) on."""
+        """Write the output row that a driver must apply from time now (ns) on."""
         self._count += 2
         numbers = self._count - 1, now, now, self._lift_delay, len(row.values), row.state, row.lift
         PORT_HEAD.pack_into(self._memory, 0, *numbers)
@@ -99,7 +100,7 @@ class OutputPort:
         struct.pack_into("<Q", self._memory, 0, self._count)
 
     def renew(self, now: int) -> None:
-        """Write a sign of life at time now (ns). It shows that this process works."""
+        """Write the time now (ns) as a sign of life, which shows that this process works."""
         struct.pack_into("<q", self._memory, LIFE_OFFSET, now)
 
     def close(self) -> None:
@@ -108,7 +109,7 @@ class OutputPort:
 
 
 class OutputReader:
-    """Reading side of the port, for a driver."""
+    """Reader of the port, used by a driver of servos and motors."""
 
     def __init__(self, path: Path) -> None:
         """path: the file `outputs.bin` of a vehicle."""
@@ -120,13 +121,14 @@ class OutputReader:
 
     @property
     def safe_values(self) -> tuple[float, ...]:
-        """Values of the outputs that make the craft safe."""
+        """Output values that make the vehicle safe."""
         return self._numbers.unpack_from(self._memory, PORT_HEAD.size + self._numbers.size)
 
     def read(self) -> tuple[int, OutputRow]:
-        """Return the time when the newest whole row was written (ns), and the row as written, however old it is.
+        """Return the newest complete output row, unchanged even if it is old, and the time (ns) at which it was
+        written.
 
-        A writer that stops in the middle of a row does not block the reader, which then keeps the previous row.
+        If the writer stops in the middle of a row, the reader returns the previous row.
         """
         for _ in range(MOST_READS):
             count, written, _, _, _, state, lift = PORT_HEAD.unpack_from(self._memory, 0)
@@ -137,7 +139,8 @@ class OutputReader:
         return self._newest
 
     def row_to_apply(self, now: int) -> OutputRow:
-        """Return the row that a driver must apply now (ns, monotonic clock): the safe row if signs of life are missing.
+        """Return the output row that a driver must apply at time now (ns, monotonic clock). This is the safe row if
+        signs of life are missing.
 
         If the lift fan was turning, it keeps turning for its delay after the last sign of life.
         """
@@ -152,5 +155,5 @@ class OutputReader:
 
 
 def _open_own(path: str, flags: int) -> int:
-    """Open a file that no other user can write, whatever the umask: its content moves the vehicle."""
+    """Open a file that only its owner can read and write, whatever the umask, because its content moves the vehicle."""
     return os.open(path, flags, 0o644)

@@ -1,8 +1,10 @@
-"""Vehicle's connection to the process of its outputs, which makes the outputs safe when the vehicle sends no rows.
+"""Vehicle's connection to the process of its outputs. This process makes the outputs safe if the vehicle sends no
+output rows.
 
-The vehicle sends each row that it computes, and at least one row per HEARTBEAT. The outputs' process applies the row.
-If no row arrives within the watchdog's time, or the socket closes, the process writes the safe row: safe thrust at
-once, lift fan off after the failsafe's delay. The process is in `flight.outputs_process`.
+An output row contains the values of all servos and motors. The vehicle sends each row that it computes, and at least
+one row per HEARTBEAT. The process of the outputs applies the row. If no row arrives within the watchdog's time-out, or
+if the socket closes, the process applies the safe row: safe thrust immediately, lift fan off after the failsafe's
+delay. `flight.outputs_process` contains the process.
 Source: docs page, Vehicle (Watchdog).
 """
 
@@ -22,10 +24,11 @@ from trimtab.core.errors import InputError, argument_name
 from trimtab.flight.output_port import LIFE_TIMEOUT, port_path
 
 HEARTBEAT = 5_000_000
-"""Longest time (ns) between two rows. An unchanged row is sent again after this time."""
+"""Longest time (ns) between two output rows that the vehicle sends. After this time, an unchanged row is sent again."""
 START_S, END_S = 10.0, 5.0
 HEAD = struct.Struct("<q??")
-"""Header of a row: time of sending (ns, monotonic clock), True if a command is in force, True if the lift fan turns.
+"""Format of the header of an output row: time of sending (ns, monotonic clock), True if the vehicle obeys a command,
+True if the lift fan turns.
 """
 READY, TRIPPED, END, ECHO = b"ready", b"tripped ", b"end", b"echo"
 DIED, FROZEN = "the outputs' process died", "the outputs' process is frozen"
@@ -33,18 +36,20 @@ PORT_FILE, LOG_FILE = "outputs.bin", "outputs.txt"
 
 
 class RowSocket(Protocol):
-    """One end of the connection between vehicle and outputs. It keeps the boundaries of packets and never blocks."""
+    """Interface of one end of the connection between vehicle and outputs. The connection keeps the boundaries of
+    packets and never blocks."""
 
     def fileno(self) -> int:
-        """Return the descriptor, -1 once the socket is closed."""
+        """Return the file descriptor, or -1 once the socket is closed."""
         ...
 
     def send(self, packet: bytes, /) -> int:
-        """Send a packet. Raise BlockingIOError if the buffer is full, OSError if the other end is closed."""
+        """Send a packet. Raise BlockingIOError if the buffer is full, or OSError if the other end is closed."""
         ...
 
     def recv(self, size: int, /) -> bytes:
-        """Return the next packet, empty if the other end is closed. Raise BlockingIOError if no packet waits."""
+        """Return the next packet, or empty bytes if the other end is closed. Raise BlockingIOError if no packet has
+        arrived."""
         ...
 
     def close(self) -> None:
@@ -53,7 +58,7 @@ class RowSocket(Protocol):
 
 
 class OutputsProcess(NamedTuple):
-    """Process of the outputs, once it has started."""
+    """Running process of the outputs."""
 
     line: RowSocket
     pid: int
@@ -69,17 +74,17 @@ class OutputsOrders(NamedTuple):
     lift_delay: int
     latch: int
     folder: str | None
-    """Folder of the port and of the log of the outputs; None: neither is written."""
+    """Folder for the port and the log of the outputs, or None to write neither."""
     real_time: bool
     vehicle: int
-    """Process number of the vehicle's process."""
+    """Process id of the vehicle's process."""
 
 
 StartOutputs = Callable[[OutputsOrders], OutputsProcess]
 
 
 def start_outputs_process(orders: OutputsOrders) -> OutputsProcess:
-    """Start the outputs as a process of this machine.
+    """Start the process of the outputs on this machine.
 
     Raises:
         InputError: the process did not start.
@@ -120,22 +125,22 @@ def start_outputs_process(orders: OutputsOrders) -> OutputsProcess:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-        with contextlib.suppress(OSError):  # the port remains if the process was killed
+        with contextlib.suppress(OSError):  # remove the port, which remains if the process was killed
             port_path(process.pid).unlink(missing_ok=True)
 
     return OutputsProcess(line, process.pid, end)
 
 
 class Outputs:
-    """Connection of the vehicle to the process of its outputs. It sends rows and never blocks.
+    """Connection of the vehicle to the process of its outputs. It sends output rows and never blocks.
 
     Args:
-        safe: the row that makes the craft safe.
-        timeout: time without rows (ns) after which the safe row is applied.
+        safe: output values that make the vehicle safe.
+        timeout: time (ns) without output rows after which the safe row is applied.
         lift_delay: time (ns) for which the lift fan keeps turning after the safe row takes effect.
-        latch: time without rows (ns) after which the safe row stays in force until the vehicle is disarmed.
-        folder: folder for the port and the log of the outputs; None: neither is written.
-        wanted_real_time: ask the system for real-time scheduling.
+        latch: time (ns) without output rows after which the safe row remains applied until the vehicle is disarmed.
+        folder: folder for the port and the log of the outputs, or None to write neither.
+        wanted_real_time: True to ask the system for real-time scheduling.
         clock: clock of the vehicle's process.
         start: function that starts the process.
     """
@@ -152,7 +157,7 @@ class Outputs:
         clock: Clock = SYSTEM_CLOCK,
         start: StartOutputs = start_outputs_process,
     ) -> None:
-        """Start the process of the outputs. Raise InputError if it does not start."""
+        """Start the process of the outputs. Raise InputError if the process does not start."""
         where = None if folder is None else str(folder)
         orders = OutputsOrders(tuple(safe), timeout, lift_delay, latch, where, wanted_real_time, os.getpid())
         self.process, self._clock = start(orders), clock
@@ -161,21 +166,22 @@ class Outputs:
         self._content, self._stamp = b"", 0
         self._echo = self._looked = self._clock.monotonic_ns()
         self.problem = ""
-        """Problem of the outputs' process; empty while the process works."""
+        """Problem of the process of the outputs, or an empty string while the process works."""
 
     @property
     def is_alive(self) -> bool:
-        """Return True while the process works."""
+        """Return True while the process of the outputs works."""
         return not self.problem
 
     def hand_over(self, is_commanded: bool, lift: bool, values: Sequence[float]) -> int:
-        """Send a row to the process. If the outputs had gone safe, return the time without rows (ns), otherwise 0."""
+        """Send an output row to the process. Return the time (ns) without rows if the process had to apply the safe
+        row, otherwise 0."""
         now = self._clock.monotonic_ns()
         content = HEAD.pack(0, is_commanded, lift)[8:] + self._numbers.pack(*values)
         if content == self._content and now - self._stamp < HEARTBEAT:
             return 0
         self._content, self._stamp = content, now
-        if now - self._looked >= LIFE_TIMEOUT / 2:  # this process or the whole machine stood still
+        if now - self._looked >= LIFE_TIMEOUT / 2:  # this process or the machine was stopped for some time
             self._echo = now
         self._looked = now
         silence = 0
@@ -192,7 +198,8 @@ class Outputs:
         return silence
 
     def _take_answer(self, answer: bytes, now: int) -> int:
-        """Handle a packet of the outputs' process. Return the time without rows (ns) that it reports, else 0."""
+        """Handle a packet from the process of the outputs. Return the time (ns) without rows that the packet reports,
+        or 0."""
         if not answer:
             raise BrokenPipeError
         self._echo = now

@@ -1,6 +1,6 @@
-"""Process of a vehicle's outputs: it applies received rows, and makes the outputs safe when no rows arrive.
+"""Process of a vehicle's outputs. It applies the received output rows, and makes the outputs safe if no rows arrive.
 
-This module needs only the standard library, so that the process starts quickly.
+This module imports only the standard library, so that the process starts quickly.
 Source: docs page, Vehicle (Watchdog).
 """
 
@@ -44,20 +44,20 @@ HANGS = "the vehicle's process hangs or is starved"
 
 
 def write_error_line(text: str) -> None:
-    """Write a line to standard error, unless the terminal is gone with the vehicle."""
+    """Write a line to standard error. If the terminal was closed together with the vehicle, do nothing."""
     with contextlib.suppress(OSError):
         os.write(sys.stderr.fileno(), f"{text}\n".encode())
 
 
 def open_log(folder: Path) -> TextIO:
-    """Create the log of the outputs. It continues after the vehicle's process has ended."""
+    """Create the log file of the outputs, which is still written after the vehicle's process has ended."""
     return (folder / LOG_FILE).open("x", encoding="utf-8", buffering=1)
 
 
 def open_port(folder: Path, orders: OutputsOrders) -> OutputPort:
-    """Make the port in shared memory, and link it to the folder of the log.
+    """Make the port in shared memory, and a link to the port in the folder of the log.
 
-    Raises OSError if the folder already has a port, or if memory is short.
+    Raises OSError if the folder already contains a port, or if memory is full.
     """
     port = OutputPort(port_path(os.getpid()), orders.safe, orders.lift_delay)
     try:
@@ -69,7 +69,8 @@ def open_port(folder: Path, orders: OutputsOrders) -> OutputPort:
 
 
 class OutputsLoop:
-    """Loop of the outputs. It applies received rows until the vehicle is gone and all outputs are at rest."""
+    """Loop of the outputs. It applies received output rows until the vehicle's process is gone and all outputs are at
+    rest."""
 
     def __init__(
         self,
@@ -85,10 +86,10 @@ class OutputsLoop:
 
         Args:
             line: connection to the vehicle.
-            orders: settings from the vehicle.
+            orders: settings of the outputs, sent by the vehicle.
             clock: clock of this process.
             find_cause: function that returns the reason why no row arrives although the connection is open.
-            port: port for the driver; None: no driver.
+            port: port for the driver, or None without a driver.
             tells: functions that pass each message to the log and the user. They must not block.
         """
         self._line, self._clock, self._find_cause, self._timeout = line, clock, find_cause, orders.timeout
@@ -102,7 +103,7 @@ class OutputsLoop:
         line.send(READY)
 
     def serve(self) -> None:
-        """Run until the vehicle is gone and all outputs are at rest."""
+        """Run until the vehicle's process is gone and all outputs are at rest."""
         try:
             while True:
                 due = self.step()
@@ -122,7 +123,7 @@ class OutputsLoop:
             tell(line)
 
     def step(self) -> int:
-        """Apply the received rows. Return the time (ns) at which to call this again if no row arrives earlier."""
+        """Apply the received output rows. Return the time (ns) of the next call if no row arrives earlier."""
         if not self._is_gone:
             self._take_rows()
             self._report_silence()
@@ -143,7 +144,7 @@ class OutputsLoop:
         return self._next_life if check is None else min(check, self._next_life)
 
     def _show_life(self, now: int) -> None:
-        """Signal to the driver and to the vehicle, once a period, that this process works."""
+        """Signal to the driver and to the vehicle, once per LIFE_PERIOD, that this process works."""
         if now < self._next_life:
             return
         self._next_life = now + LIFE_PERIOD
@@ -154,13 +155,13 @@ class OutputsLoop:
                 self._line.send(ECHO)
 
     def _take_rows(self) -> None:
-        """Take all waiting rows. Record if the vehicle has closed the connection, and if it has sent END before."""
+        """Read all received output rows. Record if the vehicle has sent END or closed the connection."""
         while not self._is_gone:
             try:
                 data = self._line.recv(HEAD.size + self._numbers.size)
             except BlockingIOError:
                 break
-            except ConnectionResetError:  # the vehicle closed with unread echoes; its last packets still arrive
+            except ConnectionResetError:  # closed before all echoes were read; the last packets still arrive
                 continue
             except OSError:
                 data = b""
@@ -178,7 +179,7 @@ class OutputsLoop:
             self._unreported_silence = max(self._unreported_silence, silence)
 
     def _report_silence(self) -> None:
-        """Report to the vehicle that its outputs had gone safe. If the socket's buffer is full, report later."""
+        """Report to the vehicle that the safe row was applied. If the socket's buffer is full, report later."""
         if self._unreported_silence:
             with contextlib.suppress(OSError):
                 self._line.send(TRIPPED + str(self._unreported_silence).encode())
@@ -192,7 +193,7 @@ def find_process_cause(vehicle: int) -> str:
         state, is_exiting = words[0], bool(int(words[6]) & EXITING)
     except (OSError, IndexError):
         return GONE
-    if is_exiting:  # a process frees its memory first and closes its sockets later
+    if is_exiting:  # an ending process closes its sockets only after it has freed its memory
         return GONE
     return STOPPED if state in "Tt" else HANGS
 

@@ -1,9 +1,10 @@
-"""File of parameters for the next start of a program, written only if a ground station requests it.
+"""File of parameters for the next start of a program. The file is written only if a ground station requests it.
 
     {"scenario": "hovercraft/forward", "parameters": {"world.vehicle.mass": 2.8}}
 
-When the program starts, these parameters act like settings given by --set, but --set takes precedence. So they are
-treated like any other setting by the comparison of the two ends, the log's metadata and a replay.
+When the program starts, these parameters act like settings given by --set. An actual --set overrides a stored
+parameter. The comparison of vehicle and autopilot, the log's metadata and a replay treat stored parameters like other
+settings.
 Source: docs page, Ground stations.
 """
 
@@ -20,23 +21,25 @@ LARGEST_FILE = 1_000_000
 
 
 def read_parameters(file: Path | None, scenario: str) -> dict[str, str]:
-    """Return the settings in a file, as text by path; empty if the file does not exist yet.
+    """Return the text of each setting in a file, by path. The result is empty if the file does not exist yet.
 
-    Raises InputError for a file that is damaged, or belongs to another scenario.
+    Raises InputError if the file is damaged or belongs to another scenario.
     """
     if file is None or not file.exists():
         return {}
     part = f"parameters '{file}'"
-    fix = "give another file, or remove the file to use the scenario's parameters"
+    fix = "use another file, or remove the file to start with the scenario's parameters"
     try:
         content = json.loads(read_user_text(file, largest=LARGEST_FILE))
         owner, parameters = content["scenario"], dict(content["parameters"])
         settings = {str(path): json.dumps(value) for path, value in parameters.items()}
     except (OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(part, f"cannot be read: {error}", fix=fix) from None
+        raise InputError(part, f"the file cannot be read: {error}", fix=fix) from None
     if owner != scenario:
         raise InputError(
-            part, f"belong to the scenario {owner!r}, not to {scenario!r}", fix="use one file per scenario"
+            part,
+            f"the parameters in the file belong to the scenario {owner!r}, not to {scenario!r}",
+            fix="use one file per scenario",
         )
     return settings
 
@@ -50,7 +53,8 @@ class ParameterStore:
         scenario: str = "",
         setting_path: Callable[[str], str | None] = lambda path: path,
     ) -> None:
-        """Prepare to store the parameters of a scenario in a file. file: None if they are not to be stored.
+        """Prepare to store the parameters of a scenario in a file. file: path of the file, or None to store no
+        parameters.
 
         setting_path: function from the path of a parameter to the path of its setting. If the result is None, the
         parameter is not stored.
@@ -63,7 +67,8 @@ class ParameterStore:
         return self._file is not None
 
     def write(self, values: ChangedValues | None) -> str:
-        """Add values, by path, to the file; None removes all values. Return the reason for a failure, or ""."""
+        """Add values, given by path, to the file. None removes all values from the file. Return the reason if the file
+        cannot be written, or ""."""
         if self._file is None:
             return NO_STORE
         try:

@@ -1,9 +1,9 @@
 """Pilot of a flight at a console: requests to the flight, and data for the console.
 
-The console's messages are read once a period. They take the same path as without a console: requests go to the
-supervisor, values to the parameters, stick positions into the sensor sample that the law reads. So the flight's log
-contains them, and a replay repeats them. If the stick sends no more data, the supervisor is asked to hold, and later
-the flight ends (dead man's switch).
+The console's messages are read once per control period. Requests are passed to the supervisor, values to the
+parameters, and stick positions to the sensor sample that the law reads. So the flight's log contains them, and a replay
+repeats them. If the data from the stick stop, the supervisor is asked to hold, and later the flight ends (dead man's
+switch).
 Source: docs page, Console.
 """
 
@@ -24,8 +24,8 @@ from trimtab.flight.supervised import REQUEST_MODES, CompiledSupervisor
 from trimtab.loop.supervisor import ENDED, HOLD
 
 HOLD_SILENCE = ms(500)
-"""Time without data from a stick in use, after which the supervisor is asked to hold. After END_SILENCE the flight
-ends.
+"""Time (100 ns) without data from the stick in use after which the supervisor is asked to hold. After END_SILENCE the
+flight ends.
 """
 CHECK_PERIOD, TIMING_PERIOD = ms(500), seconds(1)
 
@@ -37,20 +37,20 @@ class NoPilot:
     end_reason = ""
 
     def update(self, t: int) -> None:
-        """Do nothing: there is no pilot."""
+        """Do nothing, because this flight has no pilot."""
 
     def decide_arming(self, may_arm: bool) -> bool:
         """Return True if all checks pass. Without a pilot, the vehicle is then armed."""
         return may_arm
 
     def note_command(self) -> None:
-        """Do nothing: no latency is measured."""
+        """Do nothing, because no latency is measured without a console."""
 
     def show(self, t: int, own: Sequence[float], deadlines: Deadlines) -> None:
-        """Do nothing: there is no console."""
+        """Do nothing, because this flight has no console."""
 
     def tell(self, text: str) -> None:
-        """Do nothing: there is no console."""
+        """Do nothing, because this flight has no console."""
 
 
 class Piloting:
@@ -72,11 +72,12 @@ class Piloting:
         self._line, self._stick, self._supervised, self._parameters = line, stick, supervised, parameters
         self._remote, self._preflight, self._report = remote, preflight, report
         self.wants_arming, self.shows_checks, self.has_stopped = False, True, False
-        """wants_arming: a pilot asked to arm.  shows_checks: checks are shown before arming.  has_stopped: a pilot
-        ended the flight.
+        """wants_arming: True if a pilot has asked to arm.  shows_checks: True to show the checks before arming.
+        has_stopped: True if a pilot has ended the flight.
         """
         self.end_reason = ""
-        """Reason to end the loop, or "". A stop by the pilot ends the loop only if there is no supervisor."""
+        """Reason to end the control loop, or "". A stop by the pilot ends the loop only if the autopilot has no
+        supervisor. Otherwise the supervisor ends the flight."""
         self._t = 0
         self._pilot: int | None = None
         self._stick_time = 0
@@ -86,7 +87,7 @@ class Piloting:
         self._latencies: list[float] = []
 
     def update(self, t: int) -> None:
-        """Handle the received messages, before the step at integer time t."""
+        """Handle the messages received from the console, before the control period at integer time t."""
         self._t = t
         for wish in self._line.receive():
             self._follow(wish, t)
@@ -107,13 +108,15 @@ class Piloting:
         return may_arm and self.wants_arming and not refusal
 
     def note_command(self) -> None:
-        """Record that a command was sent, to measure the latency from the console's server to the link."""
+        """Record that a command was sent, to measure the latency of a stick position from the console's server to the
+        link."""
         now = self._clock.monotonic_ns() / NS_PER_SECOND
         self._latencies += [now - clock for clock in self._stick_clocks]
         self._stick_clocks.clear()
 
     def show(self, t: int, own: Sequence[float], deadlines: Deadlines) -> None:
-        """Send a row to the console if one is due. Less often, add the checks before arming or the loop's timing."""
+        """Send a log row to the console if a row is due. At a lower rate, also send the checks before arming, or the
+        timing of the control loop."""
         if t < self._next["row"]:
             return
         self._next["row"] = max(self._next["row"] + ROW_PERIOD, t)
@@ -150,7 +153,7 @@ class Piloting:
             self._stop("stopped from the console")
         elif kind == "set":
             refusal = self._parameters.change(wish["path"], wish["slot"], wish["value"])
-            self._answer(wish, refusal, "set, effective from the next step")
+            self._answer(wish, refusal, "set, effective from the next control period")
             value = self._parameters.value(wish["path"], wish["slot"])
             self._line.send("value", path=wish["path"], slot=wish["slot"], value=value)
         elif kind == "save":
@@ -164,7 +167,7 @@ class Piloting:
     def _ask(self, request: str) -> str:
         """Pass a pilot's request to the supervisor, or a request to arm to the vehicle.
 
-        Return a text that names the receiver of the request.
+        Return a text for the pilot that names the receiver of the request (supervisor or vehicle).
         """
         asks_vehicle = request == "arm" and not self._remote.arming.has_authority
         if asks_vehicle:
@@ -180,7 +183,8 @@ class Piloting:
         return f"sent to the {'vehicle' if asks_vehicle else 'supervisor'}"
 
     def _stop(self, why: str) -> None:
-        """End the flight at once: disarm the vehicle, and make all commands invalid from the next step on."""
+        """End the flight immediately: disarm the vehicle, and make all commands invalid from the next control period
+        on."""
         if not self.has_stopped:
             self._report(why)
         self.has_stopped, self.wants_arming = True, False
@@ -196,7 +200,8 @@ class Piloting:
         self._supervised.request("hold")
 
     def _watch_stick(self, t: int) -> None:
-        """If the stick in use sends no data, request hold, and later end the flight (dead man's switch)."""
+        """If no data arrive from the stick in use, request the supervisor to hold, and later end the flight (dead man's
+        switch)."""
         silence = t - self._stick_time
         if self._pilot is None or silence < HOLD_SILENCE:
             return
@@ -225,7 +230,8 @@ class Piloting:
 
 
 def _describe_check(check: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a check as the page shows it. A number that is not finite (not measured, or no limit) becomes null."""
+    """Return a check as a dictionary for the page. A number that is not finite (not measured, or no limit) becomes
+    None."""
     numbers = {n: check[n] if math.isfinite(check[n]) else None for n in ("value", "limit")}
     texts = {"name": f"{check['of']}: {check['name']}", "unit": check["unit"]}
     return {**texts, **numbers, "ok": check["passes"], "reason": "" if check["passes"] else check["advice"]}

@@ -1,7 +1,8 @@
 """Checks of a vehicle before arming, and conditions for arming it again after a failsafe.
 
-The checks run ten times a second. They use the vehicle's own data: samples of its sensors, its link, its program.
-Pilot, ground station and log get the same explanation of a refusal, with advice (`flight.station.arming`).
+The checks run ten times a second on the vehicle. They use samples of the vehicle's sensors, and the state of its link
+and its program. If arming is refused, pilot, ground station and log get the same explanation, with advice
+(`flight.station.arming`).
 Source: docs page, Arming.
 """
 
@@ -29,19 +30,19 @@ from trimtab.loop.vehicle_limits import VehicleLimits
 
 CHECK_PERIOD = ms(100)
 LONGEST_SILENCE, LONGEST_PERIODS = ms(250), 5
-"""Time, and number of the sensor's periods. A sensor without a sample for longer than the sum fails its check.
+"""Time (100 ns), and number of sensor periods, whose sum is the largest accepted age of a sensor's newest sample.
 
-Some sensors, such as a network of beacons, give fewer samples than their period suggests. For them the median of the
-last intervals replaces the period.
+Some sensors, such as a network of beacons, deliver fewer samples than one per period. If the median of the last
+intervals between samples is longer than the period, it replaces the period.
 """
 MOST_LOSS, LEAST_FRAMES, LOSS_WINDOW = 50.0, 20, seconds(1)
-"""Largest accepted share of lost frames (%); number of frames over which the share is computed; time after which the
-share is unknown if fewer frames have arrived."""
+"""Largest accepted share of lost frames (%), smallest number of frames from which the share is computed, and time (100
+ns) after which the share is unknown if fewer frames have arrived."""
 LONGEST_LINE_SILENCE = 3.0
-"""Largest time without data on the link (s): three periods of a ground station's heartbeat."""
+"""Longest accepted time without data on the link (s): three periods of a ground station's heartbeat."""
 LONGEST_RADIO_SILENCE = 0.5
 LEAST_SPACE = 100.0
-"""Least free space for the log (MB), enough for ten minutes of a vehicle's log."""
+"""Smallest accepted free space for the log (MB), enough for ten minutes of a vehicle's log."""
 CONFIRMATION_CHECK = "confirmation"
 MEGABYTE = 1e6
 
@@ -55,10 +56,11 @@ class FrameLoss:
         self._first: int | None = None
         self._before: tuple[int, int, int] | None = None
         self.share = math.nan
-        """Share of lost frames in the last window (%); NaN if too few frames have arrived."""
+        """Share of lost frames in the last time window (%), or NaN if too few frames have arrived."""
 
     def follow(self, now: int) -> None:
-        """Start a new window when the current window has enough frames or its time is over."""
+        """Update the share of lost frames, and start a new time window when the current window has enough frames or is
+        over."""
         accepted, lost = self._counts.accepted, self._counts.lost
         if self._first is None:
             self._first = accepted
@@ -98,12 +100,12 @@ class _SensorWatch:
 
     @property
     def limit(self) -> float:
-        """Largest accepted age of a sample (s)."""
+        """Largest accepted age (s) of the sensor's newest sample."""
         interval = sorted(self._intervals)[LONGEST_PERIODS // 2]
         return to_seconds(LONGEST_SILENCE + LONGEST_PERIODS * max(interval, self._period))
 
     def age(self, t: int) -> float:
-        """Return the age of the newest sample (s); infinite before the first one."""
+        """Return the age (s) of the sensor's newest sample. Before the first sample, the age is infinite."""
         outputs = self._outputs
         return (t - int(outputs[self._time])) * SECONDS_PER_UNIT if outputs[self._valid] else math.inf
 
@@ -116,9 +118,10 @@ UNCHECKED = "the checks have not run yet"
 
 
 class ArmingGuard:
-    """Checks of a vehicle before arming, its fence and envelope, and its conditions for arming after a failsafe.
+    """Guard of a vehicle: checks before arming, limits of position and motion (fence and envelope), and conditions for
+    arming after a failsafe.
 
-    Times are by the vehicle's clock.
+    Times are by the vehicle's clock, in 100 ns.
     """
 
     def __init__(
@@ -130,10 +133,10 @@ class ArmingGuard:
         radio_silence: Callable[[int], int | None],
         disk: Disk = SYSTEM_DISK,
     ) -> None:
-        """Start without results of checks.
+        """Start before the first run of the checks.
 
-        body: vehicle with the sensors.  limits: fence, envelope, and the limits that define rest.
-        failsafe: failsafe whose time-out is checked.  counts: frame counters of the vehicle's end.
+        body: vehicle with the sensors.  limits: fence, envelope, and limits of speed and turn rate at rest.
+        failsafe: failsafe whose time-out is checked.  counts: frame counters of the vehicle's endpoint.
         radio_silence: function that returns the time since the last data from the safety pilot's receiver, or None if
         no data was ever received.  disk: disk of the log.
         """
@@ -145,22 +148,24 @@ class ArmingGuard:
         self._is_failsafe = self._has_failed_safe = self._is_confirmed = False
         self.log_folder: Path | None = None
         self.watchdog: int | None = None
-        """Time without a row (100 ns) after which the outputs go safe; None: no outputs' process."""
+        """Time (100 ns) without an output row after which the outputs become safe, or None without a process of the
+        outputs."""
         self.confirmed: frozenset[str] = frozenset()
-        """Settings beyond their limits that the user has confirmed by name."""
+        """Names of safety settings beyond their limits that the user has confirmed."""
         self.checks: list[ArmingCheck] = []
-        """Results of the last run of the checks."""
+        """Results of the checks before arming, from their last run."""
         self._next = 0
 
     def follow(self, t: int, mode: str) -> None:
-        """Update the state, and run the checks if they are due. Call this at each instant, after the failsafe's step.
+        """Update the state, and run the checks if they are due. Call this at each instant, after the compiled failsafe
+        has run.
 
         mode: mode of the failsafe.
         """
         is_new, self._is_failsafe = mode == MODES[FAILSAFE] and not self._is_failsafe, mode == MODES[FAILSAFE]
         if is_new:
             self._has_failed_safe, self._is_confirmed = True, False
-            self._next = t  # a request to arm that comes now must not be judged by old checks
+            self._next = t  # a request to arm must not be judged by checks before the failsafe
         elif mode == MODES[COMPUTER] and self._has_failed_safe:
             self._has_failed_safe = False
         for watch in self._sensors.values():
@@ -179,7 +184,7 @@ class ArmingGuard:
 
     @property
     def problem(self) -> str:
-        """Reason why the vehicle cannot be armed, even with a confirmation; empty if it can."""
+        """Reason why the vehicle cannot be armed even with the user's confirmation, or an empty string."""
         if not self.checks:
             return UNCHECKED
         return first_problem([c for c in self.checks if c.name != CONFIRMATION_CHECK])
@@ -191,11 +196,11 @@ class ArmingGuard:
 
     @property
     def confirmation_problem(self) -> str:
-        """Reason why the vehicle cannot be armed without a confirmation; empty if it can."""
+        """Reason why the vehicle cannot be armed without the user's confirmation, or an empty string."""
         return first_problem([c for c in self.checks if c.name == CONFIRMATION_CHECK])
 
     def find_breach(self, t: int) -> Breach | None:
-        """Return the violated limit of fence or envelope; None if no limit is violated."""
+        """Return the limit of fence or envelope that the vehicle violates, or None."""
         return self.motion.find_breach(t, self._silent_sensors(t)) if self.motion.bounds else None
 
     def _silent_sensors(self, t: int) -> dict[str, float]:
@@ -246,7 +251,8 @@ class ArmingGuard:
 
 
 def _list_sensors(body: VirtualVehicle) -> dict[str, _SensorWatch]:
-    """Return a watch for each sensor, by name, except for a pilot's scripts and for sensors with FEELS = "state"."""
+    """Return a watch of the samples of each sensor, by the sensor's name. Scripts of a pilot, and sensors of the
+    complete state (FEELS = "state"), are left out."""
     sensors = {}
     for name, sensor in body.scenario.world.sensors.items():
         while isinstance(sensor, FaultyPart):

@@ -1,7 +1,8 @@
-"""Checks of `fly` before it asks a vehicle to arm. `fly` waits for checks that can still pass, else it gives up.
+"""Checks of the command `fly` before it asks a vehicle to arm. `fly` waits for checks that can still pass. If a check
+cannot pass, `fly` gives up.
 
-This module checks the estimate. The vehicle checks its own state, and checks it again when it is asked to arm. All
-results are shown, and logged, in one table.
+This module checks the estimate. The vehicle checks its own state, now and again when it is asked to arm. All results
+are shown and logged in one table.
 Source: docs page, Arming.
 """
 
@@ -23,12 +24,12 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import CHECKS
 
 CHECK_PERIOD, PATIENCE = ms(100), seconds(10)
-"""Time between two runs of the checks, and longest time to wait for a failing check that can still pass (100 ns)."""
+"""Time between two runs of the checks (100 ns), and longest wait for a failing check that can still pass (100 ns)."""
 LONGEST_SILENCE = 0.25
 STALE_AGE = 0.4
-"""Largest accepted age of an estimate (s) without a supervisor. It equals the default of the supervisor."""
+"""Largest accepted age of an estimate (s) in a flight without a supervisor, equal to the default of a supervisor."""
 MOST_SIGMA = {"m": 1.0, "m/s": 0.5, "rad": 0.35, "rad/s": 0.2}
-"""Largest accepted standard deviation, by unit, of the estimated quantities that the law reads."""
+"""Largest accepted standard deviation of an estimated quantity that the law reads, by the unit of the quantity."""
 STATE = "estimate.state."
 
 
@@ -43,7 +44,8 @@ class Preflight:
         counts: FrameCounts,
         disk: Disk = SYSTEM_DISK,
     ) -> None:
-        """Start without results of checks. counts: frame counters of the autopilot's end.  disk: disk of the log."""
+        """Start before the first run of the checks. counts: frame counters of the autopilot's endpoint.  disk: disk of
+        the log."""
         self._end, self._remote, self._loss, self._disk = end, remote, FrameLoss(counts), disk
         supervisor = scenario.autopilot.supervisor
         self._stale_age = STALE_AGE if supervisor is None else float(supervisor.stale_age)
@@ -53,20 +55,23 @@ class Preflight:
         self._is_shown, self._obstacles = False, set[str]()
         self.log_folder: Path | None = None
         self.checks: list[ArmingCheck] = []
-        """Last results of the checks, first the vehicle's: a missing sensor explains a missing estimate."""
+        """Last results of the checks. The vehicle's checks are first, because a missing sensor explains a missing
+        estimate."""
         self._theirs = 0
         self.is_decided = False
         self.obstacle = ""
-        """Failing check that the flight waits for; empty if no check fails, and during the first second."""
+        """Text of the failing check that the flight waits for. It is empty if no check fails, and during the first
+        second."""
         self.refusal = ""
-        """Reason for giving up the flight; empty while the flight is not given up."""
+        """Reason for giving up the flight, or an empty string."""
 
     def update(self, now: int, silence: int) -> bool:
-        """Return True if the vehicle may be asked to arm now. silence: time since data from the vehicle."""
+        """Return True if the vehicle may be asked to arm now. silence: time (100 ns) since the last data from the
+        vehicle."""
         if self._began is None:
             self._began = now
         self._loss.follow(now)
-        self._remote.wants_checks = not self._remote.arming.is_asking  # two requests at once could overtake one another
+        self._remote.wants_checks = not self._remote.arming.is_asking  # of two requests, one could overtake the other
         if self._remote.arming.is_asking and now - self._began >= PATIENCE:
             self.refusal = "arming refused by the vehicle, or no answer; see the vehicle's messages"
         if self._remote.arming.is_asking or now < self._next:
@@ -90,12 +95,12 @@ class Preflight:
         return may_arm
 
     def restart(self) -> None:
-        """Start the checks from scratch, with the full waiting time."""
+        """Restart the checks and the waiting time."""
         self._began, self.is_decided, self._is_shown, self.obstacle, self.refusal = None, False, False, "", ""
         self._obstacles.clear()
 
     def report(self, tell: Callable[[str], None]) -> None:
-        """Report each new obstacle once, and the table of checks when the decision is made."""
+        """Report each new failing check once, and the table of all checks when the decision about arming is made."""
         obstacle = self.obstacle.partition(":")[0]
         if obstacle and obstacle not in self._obstacles and not self.refusal:
             self._obstacles.add(obstacle)
@@ -161,7 +166,8 @@ class Preflight:
 
 
 def _find_sigmas(step: CompiledBlock, reads: Iterable[str]) -> dict[str, tuple[Any, str]]:
-    """Return slot and unit of the standard deviation of each estimated quantity that a law reads."""
+    """Return index in the output vector and unit of the standard deviation of each estimated quantity that a law
+    reads."""
     wanted = {f"{STATE}sigma_{name}" for name in reads}
     return {
         m.path.removeprefix(STATE): (step.writes[m.path], m.declaration.unit)

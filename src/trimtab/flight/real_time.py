@@ -1,11 +1,13 @@
-"""Real-time loops on an ordinary computer: absolute deadlines, real-time rights, statistics of the deadlines.
+"""Real-time loops on an ordinary computer: absolute deadlines, real-time priority, and statistics of delays and
+overruns.
 
-Deadline k is at start + k * period, whatever happened before, so delays do not accumulate. A period whose work ended
-after the next deadline is an overrun. If the thread itself used the processor for longer than a period, the overrun
-counts as its own, otherwise as the scheduler's. Late periods after an overrun, while the loop catches up without
-waiting, count in the same way.
+Deadline k is at start + k * period, even after delays, so delays do not accumulate. A period whose work ended after the
+next deadline is an overrun. The loop itself is the cause if its thread used the processor for longer than a period.
+Otherwise the system's scheduler is the cause. After an overrun the loop catches up without waiting. The late periods
+until then have the cause of the overrun.
 
-Each measured time is counted in a table of fixed size. This takes a few hundred nanoseconds and allocates no memory.
+Each measured time is counted in a histogram of fixed size. Counting takes a few hundred nanoseconds and allocates no
+memory.
 Source: G. Tene, HdrHistogram (buckets of constant relative width); docs page, Vehicle.
 """
 
@@ -22,18 +24,20 @@ from trimtab.core.interfaces import Link
 from trimtab.core.time import UNITS_PER_SECOND, format_time, seconds
 
 NS = 100
-"""Nanoseconds in a unit of time (100 ns)."""
+"""Number of nanoseconds in the unit of integer times (100 ns)."""
 MOST_PACKETS = 64
-"""Maximum number of packets read after the time of an instant, so that a flood of packets cannot stop the loop."""
+"""Maximum number of packets read after the start time of an instant has passed, so that a flood of packets cannot stop
+the loop."""
 DISCARD_LIMIT = 10_000
 """Maximum number of packets that `discard_packets` removes."""
 LONGEST_DELAY = seconds("0.5")
-"""Smallest delay (100 ns) of a loop at which it skips periods. With a smaller delay, the loop catches up."""
+"""Smallest delay (100 ns) of a loop at which the loop skips periods. With a smaller delay, the loop catches up."""
 SUB_BUCKET_BITS = 5
-"""Base-2 logarithm of the number of histogram buckets per doubling of the time. A bucket is at most 3 % wide."""
+"""Base-2 logarithm of the number of histogram buckets per doubling of the time. The width of a bucket is at most 3 % of
+the time."""
 BUCKETS = (64 - SUB_BUCKET_BITS) << SUB_BUCKET_BITS
 FIRST_DOUBLING, LAST_DOUBLING = 10, 30
-"""Powers of two (ns) of the first and last edge of the coarse histogram."""
+"""First and last edge of the coarse histogram, as exponents of two (2^10 ns = 1 us, 2^30 ns = 1 s)."""
 PRIORITY = 40
 MCL_CURRENT_AND_FUTURE = 3
 
@@ -53,9 +57,10 @@ class WallClock:
         return (self._clock.monotonic_ns() - self.start) // NS
 
     def wait(self, t: int, link: Link, hear: Callable[[bytes], None]) -> int:
-        """Handle packets until integer time t. Read at least once. After t, read at most MOST_PACKETS packets.
+        """Handle packets until integer time t. Read the link at least once. After t, read at most MOST_PACKETS waiting
+        packets.
 
-        Return the monotonic time (ns).
+        Return the monotonic time (ns) at the end.
         """
         due = self.start + t * NS
         late = 0
@@ -70,7 +75,7 @@ class WallClock:
 
 
 def discard_packets(link: Link) -> int:
-    """Throw away the packets that arrived while nothing was reading. Return their number."""
+    """Discard the packets that arrived before this call and were not read. Return the number of these packets."""
     count = 0
     while count < DISCARD_LIMIT and link.receive(0.0) is not None:
         count += 1
@@ -78,7 +83,8 @@ def discard_packets(link: Link) -> int:
 
 
 class TimeSummary(NamedTuple):
-    """Summary of times (s). A quantile is the upper end of its bucket."""
+    """Summary of measured times (s): number, quantiles and longest time. A quantile is the upper end of a histogram
+    bucket."""
 
     n: int
     p50: float
@@ -88,21 +94,22 @@ class TimeSummary(NamedTuple):
 
 
 class Histogram:
-    """Histogram of times, which are given in ns."""
+    """Histogram of measured times, which are added in ns."""
 
     def __init__(self) -> None:
         self.counts = [0] * BUCKETS
         self.longest = 0
 
     def add(self, ns: int) -> None:
-        """Count a time. A time below 0 counts as 0."""
+        """Add a time to the histogram. A negative time counts as 0."""
         ns = max(ns, 0)
         self.longest = max(self.longest, ns)
         shift = max(ns.bit_length() - SUB_BUCKET_BITS - 1, 0)
         self.counts[min((shift << SUB_BUCKET_BITS) + (ns >> shift), BUCKETS - 1)] += 1
 
     def quantile(self, share: float) -> float:
-        """Return the quantile (s): the time that this share of all times does not exceed; 0 before the first time."""
+        """Return a quantile (s): the time that the given share of all times does not exceed, or 0 before the first
+        time."""
         rank, below = share * sum(self.counts), 0
         for bucket, count in enumerate(self.counts):
             below += count
@@ -111,7 +118,8 @@ class Histogram:
         return 0.0
 
     def count_doublings(self) -> tuple[list[float], list[int]]:
-        """Return edges (s) and counts of bins that double from 1 us to 1 s. The last bin has all longer times."""
+        """Return the edges (s) and counts of bins whose width doubles, from 1 us to 1 s. The last bin also counts all
+        longer times."""
         first, last = FIRST_DOUBLING, LAST_DOUBLING
         starts = [(k + 1 - SUB_BUCKET_BITS) << SUB_BUCKET_BITS for k in range(first, last + 1)]
         bounds = [0, *starts[:-1], BUCKETS]
@@ -119,19 +127,19 @@ class Histogram:
         return [0.0, *(2**k * 1e-9 for k in range(first, last + 1))], counts
 
     def summary(self) -> TimeSummary:
-        """Return the number of times, their median and high quantiles, and the longest time."""
+        """Return the number of measured times, their median and high quantiles, and the longest time."""
         tails = [self.quantile(share) for share in (0.5, 0.99, 0.999)]
         return TimeSummary(sum(self.counts), tails[0], tails[1], tails[2], self.longest * 1e-9)
 
 
 def bucket_end(bucket: int) -> int:
-    """Return the longest time (ns) that is counted in a bucket."""
+    """Return the longest time (ns) that is counted in the bucket with this index."""
     shift = max((bucket >> SUB_BUCKET_BITS) - 1, 0)
     return ((bucket - (shift << SUB_BUCKET_BITS) + 1) << shift) - 1
 
 
 class RealTimeGrant(NamedTuple):
-    """Rights granted by the system: scheduler "fifo" or "ordinary", memory locked or not."""
+    """Real-time rights granted by the system: scheduler "fifo" or "ordinary", and True if the memory is locked."""
 
     scheduler: str
     locked: bool
@@ -145,7 +153,8 @@ class RealTimeGrant(NamedTuple):
 def real_time(is_wanted: bool = True) -> Iterator[RealTimeGrant]:
     """Give this process real-time priority and lock its memory, if the system allows it, within this context.
 
-    Python's cycle collector is off, because the loop makes no cycles and a collection takes milliseconds.
+    Python's garbage collector is switched off, because the loop makes no reference cycles and a collection takes
+    milliseconds.
     """
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     scheduler, locked = "ordinary", False
@@ -168,10 +177,11 @@ def real_time(is_wanted: bool = True) -> Iterator[RealTimeGrant]:
 
 
 class Deadlines:
-    """Deadlines at a fixed period from now on, with statistics of how they were met."""
+    """Deadlines at a fixed period from now on, with statistics of delays, work and overruns."""
 
     def __init__(self, period: int, clock: Clock = SYSTEM_CLOCK) -> None:
-        """Start now. clock: clock of this process; its processor time separates own work from waiting."""
+        """Start now. clock: clock of this process. Its processor time distinguishes the process's own work from
+        waiting."""
         self.period, self._clock = period, clock
         self._before, self._over, self._blamed = clock.thread_ns(), False, False
         self.start = clock.monotonic_ns()
@@ -179,7 +189,7 @@ class Deadlines:
         self.own = self.scheduler = 0
 
     def remaining(self, k: int) -> float:
-        """Return the time until deadline k (s); negative if it has passed."""
+        """Return the time (s) until deadline k. The time is negative if the deadline has passed."""
         return (self.start + k * self.period * NS - self._clock.monotonic_ns()) * 1e-9
 
     def count_passed(self, k: int) -> tuple[int, int]:
@@ -191,7 +201,8 @@ class Deadlines:
         return (behind // self.period if behind >= LONGEST_DELAY else 0), behind
 
     def record_period(self, k: int, woke: int, began: int, stepped: int) -> bool:
-        """Record period k: times (ns) of wake-up, start and end of the step. Return True if the period overran."""
+        """Record the monotonic times (ns) of period k: wake-up, start and end of the compiled step. Return True if the
+        period overran."""
         deadline = self.start + k * self.period * NS
         ended = self._clock.monotonic_ns()
         self.late.add(woke - deadline)

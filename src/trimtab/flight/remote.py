@@ -1,4 +1,4 @@
-"""Vehicle as seen from the autopilot's end: presence, messages, clock, scenario and arming state.
+"""Vehicle as known to the autopilot's end: presence, messages, clock, scenario and arming state.
 
 Source: docs page, Fly; MAVLink's services heartbeat, command and timesync.
 """
@@ -26,7 +26,7 @@ from trimtab.flight.vehicle_clock import VehicleClock
 
 
 class RemoteVehicle:
-    """Vehicle at the far end of a link. Times `now` are by the autopilot's clock, in 100 ns."""
+    """Vehicle at the other end of the autopilot's link. Times `now` are by the autopilot's clock, in 100 ns."""
 
     def __init__(
         self,
@@ -40,30 +40,32 @@ class RemoteVehicle:
     ) -> None:
         """Start without a known vehicle.
 
-        typed: command that the user typed; messages suggest it again with the missing options. identity, accepts: see
-        `ScenarioComparison`. confirms: see `RemoteArming`.
+        typed: command that the user typed. Messages suggest the command with the missing options.  identity, accepts:
+        see `ScenarioComparison`.  confirms: see `RemoteArming`.
         tell: function that receives the messages for the user and for the log.
         """
         self._endpoint, self._link, self.typed, self._tell = endpoint, link, typed, tell
         self.remarks: list[str] = []
-        """Remarks on accepted problems: settings that differ, and a clock that differs. They are also logged."""
+        """Remarks on accepted differences between vehicle and autopilot: settings, and the clock. The remarks are also
+        logged."""
         self.clock = VehicleClock(endpoint, tell, self.remarks)
         self.comparison = ScenarioComparison(endpoint, identity, accepts, tell, self.remarks)
         self.arming = RemoteArming(endpoint, self.comparison, confirms, tell)
         self.requests = ForwardedRequests(endpoint)
         self.checks, self.wants_checks = RemoteChecks(), False
-        """The vehicle's checks before arming. They are requested while `wants_checks` is True."""
+        """Results of the vehicle's checks before arming, requested while `wants_checks` is True."""
         self.system = self.component = 0
         self.heartbeat_time: int | None = None
         self._texts = TextAssembly()
 
     def is_of_vehicle(self, message: Message) -> bool:
-        """Return True if a message comes from the first vehicle from which a heartbeat was received."""
+        """Return True if a message is from the first vehicle that has sent a heartbeat."""
         return self.heartbeat_time is not None and (message.system, message.component) == (self.system, self.component)
 
     @property
     def is_ready(self) -> bool:
-        """True if a vehicle answers, its clock is known, and its scenario matches the autopilot's."""
+        """True if a vehicle answers, the vehicle's clock is known, and its scenario matches the autopilot's
+        scenario."""
         return self.heartbeat_time is not None and self.clock.is_known and self.comparison.is_complete
 
     def find_problem(self, scenario: str) -> ConnectionProblem:
@@ -98,7 +100,7 @@ class RemoteVehicle:
             return  # a router forwards messages of ground stations and other vehicles
         elif message.name == "TIMESYNC":
             if self.clock.handle_answer(message, now):
-                self.comparison.note_second_vehicle(message, "two answers to one time request")
+                self.comparison.note_second_vehicle(message, "two different answers to one time request")
         elif message.name == "STATUSTEXT":
             text = self._texts.join(message)
             if text:
@@ -132,7 +134,7 @@ class RemoteVehicle:
             self.comparison.handle_refusal()
 
     def due(self, now: int) -> None:
-        """Send the packets that must be sent now: heartbeats and requests."""
+        """Send the heartbeats and requests that are due now."""
         self._send(self.requests.due(now))
         self._send(self.clock.due(now))
         self._send(self.arming.due(now, self.system))

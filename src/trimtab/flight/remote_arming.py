@@ -14,9 +14,10 @@ from trimtab.flight.station.arming import CONFIRMATION
 from trimtab.flight.station.standard_services import OWNED_COMMANDS
 
 ARM_PERIOD, DISARM_PERIOD = ms(500), ms(100)
-"""Time after which an unanswered request is repeated: a request to arm, a request to disarm."""
+"""Times after which an unanswered request is repeated: first for a request to arm, second for a request to disarm."""
 COMMON_END = seconds(1)
-"""Grace period. If the vehicle ends its own run at most this long before the flight ends, the end counts as normal."""
+"""Grace period (100 ns). If the vehicle's program ends at most this long before the flight ends, the end counts as
+normal."""
 
 
 class RemoteArming:
@@ -29,22 +30,23 @@ class RemoteArming:
 
         Args:
             endpoint: autopilot's end of the link.
-            comparison: comparison of the scenarios, which must match while the vehicle is asked to arm.
+            comparison: comparison of the scenarios of vehicle and autopilot. The scenarios must match while the vehicle
+                is asked to arm.
             confirms: True if the user confirms that the vehicle may be armed again after a failsafe.
             tell: function that receives the messages for the user and for the log.
         """
         self._endpoint, self._comparison, self.confirms, self._tell = endpoint, comparison, confirms, tell
         self.armed = self.has_failed_safe = self.is_in_failsafe = False
-        """armed: the vehicle reports that it is armed.  has_failed_safe: the vehicle was in failsafe while it
-        belonged to this autopilot.
+        """armed: True if the vehicle reports that it is armed.  has_failed_safe: True if the vehicle was in failsafe
+        while it belonged to this autopilot.
         """
         self._end_time: int | None = None
-        """Time at which the vehicle reported that it had disarmed because its own run ended."""
+        """Time at which the vehicle reported that it had disarmed because its program ends, or None."""
         self.owner = 0
-        """Session number of the autopilot that flies the vehicle, as last reported; 0 without an owner or a
-        report."""
+        """Session number of the autopilot that owns the vehicle, as last reported by the vehicle, or 0 if the vehicle
+        has no owner or has reported none."""
         self.has_authority = self._takes_over = False
-        """has_authority: the vehicle accepts this autopilot as its owner."""
+        """has_authority: True if the vehicle accepts this autopilot as its owner."""
         self._request: float | None = None
         self._next = 0
 
@@ -59,22 +61,23 @@ class RemoteArming:
         return self._request is not None
 
     def arm(self, *, takes_over: bool = False) -> None:
-        """Ask the vehicle to arm, repeatedly until it answers. A vehicle that is armed is asked for its owner.
+        """Ask the vehicle to arm, repeatedly until the vehicle answers. If the vehicle is already armed, ask for its
+        owner.
 
-        takes_over: take the vehicle over from the autopilot that flies it.
+        takes_over: True to take the vehicle over from the autopilot that flies it.
         """
         if self._request is None and not self.has_authority:
             self._takes_over = takes_over
             self._request, self._next = 1.0, 0
 
     def disarm(self) -> None:
-        """Ask the vehicle to disarm, repeatedly until it answers."""
+        """Ask the vehicle to disarm, repeatedly until the vehicle answers."""
         self._request, self._next = 0.0, 0
 
     def due(self, now: int, system: int) -> list[bytes]:
         """Return the packets of the request that is due now. system: MAVLink system id of the vehicle."""
         if self._request and not self.armed and self._comparison.count_differences():
-            self._request = None  # settings have changed since the request, so they must be checked first
+            self._request = None  # settings have changed since the request and must be compared first
         if self._request is None or now < self._next:
             return []
         self._next = now + (ARM_PERIOD if self._request else DISARM_PERIOD)
@@ -103,16 +106,16 @@ class RemoteArming:
     def handle_acknowledgement(self, command: int, is_accepted: bool, owner: int) -> None:
         """Handle the vehicle's answer to a command.
 
-        owner: session number of the autopilot that owns the vehicle; 0 if it has no owner or does not report one.
+        owner: session number of the autopilot that owns the vehicle, or 0 if the vehicle has no owner or reports none.
         """
         if command in OWNED_COMMANDS:
             self._follow_owner(owner)
-        is_ours = owner in (0, self._endpoint.session)  # else the answer is for another autopilot with the same id
+        is_ours = owner in (0, self._endpoint.session)  # else it answers another autopilot with the same ids
         if command == CommandCode.ARM and is_accepted and is_ours and self._request is not None:
             self.armed = self.has_authority = bool(self._request)
             self._request = None
         elif command == CommandCode.ARM and not is_ours and self._request == 0.0:
-            self._request = None  # another autopilot owns the vehicle, and ends its own flight
+            self._request = None  # another autopilot owns the vehicle: do not disarm it
 
     def _follow_owner(self, owner: int) -> None:
         """Store the owner of the vehicle. Give up authority if the owner is another autopilot."""
@@ -122,12 +125,13 @@ class RemoteArming:
             self._tell(f"the vehicle belongs to another autopilot now, session {owner:06x}")
         elif owner == self._endpoint.session:
             self._takes_over = False
-            if self._request:  # the announced owner replaces a lost acknowledgement
+            if self._request:  # the announcement of the owner serves as the acknowledgement if that was lost
                 self.armed = self.has_authority = True
                 self._request = None
 
     def list_problems(self, was_armed: bool, is_silent: bool, now: int, is_stopped: bool = False) -> list[str]:
-        """Return the problems of the vehicle at the end of its flight, before it is disarmed, for the JSON report.
+        """Return the problems of the vehicle at the end of the flight, before the vehicle is disarmed, for the JSON
+        report.
 
         is_stopped: True if a pilot has disarmed the vehicle.
         """
@@ -147,7 +151,8 @@ def pack_command(
 ) -> bytes:
     """Return the packet of a MAVLink command.
 
-    system: id of the system that receives the command.  first, others: parameters of the command.
+    system: id of the system that receives the command.  first: first parameter of the command.  others: further
+    parameters, by name.
     """
     fields = {"command": command, "param1": first, "target_system": system, "target_component": 0}
     return endpoint.pack("COMMAND_LONG", fields | dict(others or {}))

@@ -1,4 +1,4 @@
-"""Reporter of a live end: each message goes to the user and into the log of the flight.
+"""Reporter of a live vehicle or autopilot: each message is passed to the user and written into the log of the flight.
 
 Source: docs pages, Fly and Vehicle.
 """
@@ -9,7 +9,8 @@ from trimtab.flight.flight_log import FlightRecorder
 
 
 class Reporter:
-    """Distributor of messages. The parts of one end of a link report through this object to the user and the log."""
+    """Distributor of messages. The parts of a live vehicle or autopilot use this object to report to the user and to
+    the log."""
 
     def __init__(self) -> None:
         """Start without receivers: messages are lost until `begin` is called."""
@@ -19,7 +20,7 @@ class Reporter:
     def begin(self, log: FlightRecorder | None, *tells: Callable[[str], None]) -> None:
         """Send messages to these receivers from now on.
 
-        log: log of the flight. tells: functions that take a message without waiting.
+        log: log of the flight, or None.  tells: functions that are called with each message. They must not block.
         """
         self._tells, self._log = tells, log
 

@@ -1,4 +1,5 @@
-"""Settings that could disable a safety function. A value beyond the limit needs the user's confirmation by name.
+"""Settings that could disable a safety function. If a value is beyond its limit, the user must confirm the setting by
+its name.
 
 Source: docs page, Arming.
 """
@@ -18,7 +19,7 @@ WATCHDOG = "watchdog"
 
 
 class SafetyLimit(NamedTuple):
-    """Limit of a safety setting. A larger value needs the user's confirmation."""
+    """Upper limit of a safety setting. A larger value needs the user's confirmation."""
 
     largest: float
     unit: str
@@ -33,11 +34,12 @@ LIMITS: Mapping[str, SafetyLimit] = {
     "limits.rest_speed": SafetyLimit(1.0, "m/s"),
     "limits.rest_rate": SafetyLimit(2.0, "rad/s"),
 }
-"""Limit of each safety setting. A larger time-out, or a larger speed "at rest", would disable a safety function."""
+"""Upper limit of each safety setting. A larger time-out, or a larger speed that counts as rest, would disable a safety
+function."""
 
 
 def check_confirmations(names: Collection[str]) -> frozenset[str]:
-    """Return the confirmed settings. Raise InputError for a name that is not one of LIMITS."""
+    """Return the names of the confirmed settings. Raise InputError for a name that is not in LIMITS."""
     for name in names:
         if name not in LIMITS:
             near = closest(name, LIMITS, 1) or [WATCHDOG]
@@ -53,9 +55,10 @@ def safety_checks(
 
     Args:
         failsafe: failsafe of the vehicle.
-        limits: fence, envelope, and the limits that define rest.
-        watchdog: time without a row (100 ns) after which the outputs go safe; None: no outputs' process.
-        confirmed: settings that the user has confirmed by name.
+        limits: fence, envelope, and limits of speed and turn rate at rest.
+        watchdog: time (100 ns) without an output row after which the outputs become safe, or None without a process of
+            the outputs.
+        confirmed: names of the settings that the user has confirmed.
     """
     values = {
         WATCHDOG: math.nan if watchdog is None else to_seconds(watchdog),

@@ -1,4 +1,5 @@
-"""Times of a vehicle's samples: conversion to the autopilot's clock, and rejection of implausible times.
+"""Conversion of the times of a vehicle's samples to the autopilot's clock, and rejection of samples with implausible
+times.
 
 Source: docs page, Fly.
 """
@@ -10,10 +11,11 @@ from trimtab.flight.real_time import NS
 from trimtab.flight.reporter import Reporter
 
 LONGEST_SAMPLE_AGE, MOST_SAMPLE_LEAD = seconds(2), ms(200)
-"""Largest age and largest lead of a sample. A sample beyond these limits has a wrong clock and is rejected.
+"""Largest accepted age of a sample, and largest accepted lead of its time stamp. Outside these limits, the clock of the
+sample is wrong, and the sample is rejected.
 
-A sample cannot be measured after its arrival. An apparent lead is an error of the clock offset, at most half a round
-trip.
+No sample is measured after it arrives. So an apparent lead is an error of the estimated clock offset, which is at most
+half a round-trip time.
 """
 REPORT_PERIOD = seconds(10)
 """Shortest time between two reports of rejected samples."""
@@ -26,7 +28,7 @@ class SampleClock:
         """Start at time zero.
 
         Args:
-            sync: estimate of the vehicle's clock.
+            sync: estimator of the vehicle's clock.
             clock: clock of the autopilot's computer.
             reporter: receiver of the messages on rejected samples. They are reported only while a log is written.
         """
@@ -42,7 +44,8 @@ class SampleClock:
         return self._sync.to_local(t) - self._start
 
     def accepts(self, t: int) -> bool:
-        """Return True if a sample with time t of the vehicle's clock is neither too old nor too far ahead."""
+        """Return True if a sample measured at time t of the vehicle's clock is neither too old nor too far in the
+        future."""
         now = self._clock.monotonic_ns() // NS
         lead = self._sync.show_local(t) - now
         is_recent = -LONGEST_SAMPLE_AGE <= lead <= MOST_SAMPLE_LEAD

@@ -1,4 +1,4 @@
-"""Queue of a sensor's samples that wait for an autopilot's steps, in order and without duplicates.
+"""Queue of a sensor's samples that wait for the autopilot's control periods, in order and without duplicates.
 
 Source: docs page, Fly.
 """
@@ -14,35 +14,37 @@ from trimtab.flight.exchange import GroupSample
 LONGEST_QUEUE = 64
 """Maximum number of waiting samples of one sensor.
 
-After a gap in the data, samples arrive in bursts, but each step fuses only one.
+After a gap in the data, samples arrive in bursts, but each control period uses only one sample.
 """
 LONGEST_BACKLOG, FEWEST_STEPS = ms(320), 8
-"""Time and number of steps after which waiting samples are dropped. Otherwise the queue of a sensor whose rate equals
-the rate of the steps would never become empty."""
+"""Time (100 ns) and number of control periods after which waiting samples are dropped. Otherwise the queue of a sensor
+that has the rate of the autopilot would never become empty."""
 LONGEST_OVERTAKING = ms(500)
-"""A sample that lags the newest one by at most this time counts as overtaken. No estimator fuses an older sample."""
+"""Largest lag (100 ns) behind the newest sample at which a sample counts as overtaken. An older sample is not used,
+even by estimators that accept any order."""
 OTHER_CLOCK = 8
-"""Number of consecutive samples beyond LONGEST_OVERTAKING after which the vehicle is assumed to have restarted."""
+"""Number of consecutive samples that lag by more than LONGEST_OVERTAKING after which the vehicle is assumed to have
+restarted."""
 MOST_FALLS = 8
 """Number of consecutive samples of one sensor with decreasing time stamps after which its samples are rejected."""
 
 
 @dataclasses.dataclass
 class SampleCounts:
-    """Counts of the samples of all sensors since the start."""
+    """Counts of received samples of all sensors since the start of the autopilot."""
 
     received: int = 0
     dropped: int = 0
-    """Samples dropped because the queue was full, or because samples had waited too long."""
+    """Number of samples dropped because the queue was full, or because samples had waited too long."""
     implausible: int = 0
-    """Samples rejected because their time is too far from the current time."""
+    """Number of samples rejected because their time is too far from the current time."""
     overtaken: int = 0
     backward: int = 0
-    """Samples of sensors with decreasing time stamps. All of them are rejected."""
+    """Number of samples rejected because the sensor's time stamps decrease."""
 
 
 class SampleQueue:
-    """Waiting samples of one sensor, with a record of the times of earlier samples."""
+    """Queue of the waiting samples of one sensor, with a record of the times of earlier samples."""
 
     def __init__(
         self, sensor: str, reads: Mapping[str, Any], counts: SampleCounts, period: int, any_order: bool
@@ -51,10 +53,10 @@ class SampleQueue:
 
         Args:
             sensor: name of the sensor.
-            reads: slot of each input of the step, by path.
-            counts: counters of samples, which this queue increases.
-            period: period of the steps (100 ns).
-            any_order: True if samples that newer samples have overtaken are fused too.
+            reads: index of each input of the compiled autopilot, by path.
+            counts: counters of samples, updated by this queue.
+            period: control period of the autopilot (100 ns).
+            any_order: True if the estimator also accepts samples that arrive after newer samples.
         """
         self._slots: tuple[Any, ...] = tuple(reads[f"samples.{sensor}.{n}"] for n in ("t", "age", "fresh"))
         self._counts, self._any_order = counts, any_order
@@ -73,18 +75,19 @@ class SampleQueue:
         return self._falls >= MOST_FALLS
 
     def add(self, sample: GroupSample) -> None:
-        """Store a sample for a step, unless it is a duplicate or a newer sample has overtaken it."""
+        """Store a sample for a later control period, unless the sample is a duplicate or arrives after a newer
+        sample."""
         if self._is_new(sample.t):
             self._counts.dropped += len(self._waiting) == LONGEST_QUEUE
             self._counts.received += 1
             self._waiting.append(sample)
 
     def clear(self) -> None:
-        """Drop the waiting samples."""
+        """Drop all samples of this sensor that wait for a control period."""
         self._waiting.clear()
 
     def _is_new(self, t: int) -> bool:
-        """Return whether a sample of time t is neither a duplicate nor overtaken."""
+        """Return True if a sample of time t is neither a duplicate nor older than a sample that has already arrived."""
         if self._falls_back(t):
             return False
         before = t - 1 if self._newest_time is None else self._newest_time
@@ -97,7 +100,8 @@ class SampleQueue:
         return t != before
 
     def _falls_back(self, t: int) -> bool:
-        """Return True if the time stamps decrease. The first such samples then no longer count as overtaken."""
+        """Return True if the sensor's time stamps decrease. The first samples with decreasing stamps then no longer
+        count as overtaken."""
         is_fall = self._received_time is not None and t < self._received_time
         self._received_time, self._falls = t, self._falls + 1 if is_fall else 0
         if self._falls == MOST_FALLS:
@@ -107,9 +111,10 @@ class SampleQueue:
         return self.runs_backwards
 
     def set_inputs(self, inputs: Any, t: int, to_local: Callable[[int], int] | None) -> None:
-        """Set the sensor's inputs of the step at integer time t.
+        """Write the sensor's next sample into the inputs of the compiled autopilot, for the control period at integer
+        time t.
 
-        to_local: converts a time of the sample's clock to the clock of t.
+        to_local: function that converts a time of the sample's clock to the clock of t.
         """
         time, age, fresh = self._slots
         inputs[fresh] = bool(self._waiting)
@@ -120,7 +125,8 @@ class SampleQueue:
         inputs[age] = (t - inputs[time]) * SECONDS_PER_UNIT
 
     def _take_next(self) -> GroupSample:
-        """Return the sample that has waited longest, or the newest one if too many samples have waited for too long."""
+        """Return the sample that has waited longest, or the newest sample if samples have waited for too many control
+        periods."""
         sample = self._waiting.popleft()
         self._backlog = self._backlog + 1 if self._waiting else 0
         if self._backlog > self._most_backlog:

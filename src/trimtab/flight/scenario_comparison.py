@@ -1,4 +1,5 @@
-"""Comparison of the vehicle's scenario with the autopilot's: messages and settings. Only one vehicle may answer.
+"""Comparison of the vehicle's scenario with the autopilot's scenario: messages and settings. Only one vehicle may be on
+the link.
 
 Source: docs pages, Fly and Trust.
 """
@@ -12,7 +13,7 @@ from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.station.identity import IdentityComparison, SettingDifference
 
 MOST_ASKS = 4
-"""Number of unanswered requests after which the vehicle counts as unable to report its scenario."""
+"""Number of unanswered requests after which the vehicle is assumed to be unable to report its scenario."""
 ASK_PERIOD = ms(500)
 
 
@@ -34,20 +35,21 @@ class ScenarioComparison:
 
         Args:
             endpoint: autopilot's end of the link.
-            identity: comparison of the settings; None: only messages are compared.
-            accepts: paths of settings in which the two ends may differ; a path includes all settings below it.
+            identity: comparison of the settings, or None to compare only the messages.
+            accepts: paths of settings that may differ between vehicle and autopilot. A path includes all settings below
+                it.
             tell: function that receives the messages for the user and for the log.
-            remarks: remarks so far; accepted differences are appended, and then all remarks are reported.
+            remarks: list of earlier remarks. The accepted differences are appended, and then all remarks are reported.
         """
         self._endpoint, self._identity, self._accepts = endpoint, identity, tuple(accepts)
         self._tell, self._remarks = tell, remarks
         self.misfit = self.dialect_problem = ""
-        """misfit: reason why the vehicle cannot be flown; empty if it can.
+        """misfit: reason why this autopilot cannot fly the vehicle, or an empty string.
 
-        dialect_problem: difference of the dialects, or empty.
+        dialect_problem: description of a difference of the MAVLink dialects, or an empty string.
         """
         self.is_told = self._is_dialect_known = False
-        """is_told: the settings have been compared, and the accepted differences reported."""
+        """is_told: True if the settings have been compared and the accepted differences have been reported."""
         self._asks = self._next = self.vehicle_session = 0
 
     @property
@@ -56,17 +58,18 @@ class ScenarioComparison:
         return self._is_dialect_known and (self._identity is None or self.is_told) and not self.misfit
 
     def accepts(self, path: str) -> bool:
-        """Return True if the user accepts that the two ends differ in a setting."""
+        """Return True if the user accepts that vehicle and autopilot differ in the setting with this path."""
         return path != "messages" and any(path == own or path.startswith(f"{own}.") for own in self._accepts)
 
     def differences(self) -> list[SettingDifference]:
-        """Return the settings that are known to differ between the two ends and that the user has not accepted."""
+        """Return the settings that are known to differ between vehicle and autopilot and that the user has not
+        accepted."""
         return [] if self._identity is None else self._identity.differences(self.accepts)
 
     def count_differences(self) -> float:
-        """Return the number of settings that differ between the two ends and that the user has not accepted.
+        """Return the number of settings that differ between vehicle and autopilot and that the user has not accepted.
 
-        The number is infinite while the vehicle's settings have changed and are not all known.
+        After a change of the vehicle's settings, the number is infinite until all settings are known again.
         """
         identity = self._identity
         if identity is None or not self.is_told or identity.is_unanswered:
@@ -74,17 +77,18 @@ class ScenarioComparison:
         return len(identity.differences(self.accepts)) if identity.is_known else math.inf
 
     def first_difference(self) -> str:
-        """Return the path of the first setting that differs; "PATH" if no setting is known to differ."""
+        """Return the path of the first setting that differs, or "PATH" if no setting is known to differ."""
         differences = self.differences()
         return differences[0].path if differences else "PATH"
 
     @property
     def identity_number(self) -> int:
-        """Hash number of the vehicle's compared settings, sent in requests to arm; 0: not compared."""
+        """Hash (as a number) of the vehicle's settings that were compared, sent in requests to arm. It is 0 if the
+        settings were not compared."""
         return 0 if self._identity is None else self._identity.number
 
     def asks_version(self, now: int) -> bool:
-        """Return True if the vehicle must be asked for its version now."""
+        """Return True if the vehicle must be asked now for its version, which contains the hash of its dialect."""
         if self._is_dialect_known or now < self._next:
             return False
         self._next, self._asks = now + ASK_PERIOD, self._asks + 1
@@ -96,14 +100,16 @@ class ScenarioComparison:
         self._is_dialect_known = True
 
     def handle_version(self, message: Message) -> None:
-        """Compare the dialects of both ends, and check the session: a vehicle keeps its session while it runs.
+        """Compare the MAVLink dialects of vehicle and autopilot, and check the session number, which a vehicle keeps
+        while it runs.
 
-        A vehicle that sends no fingerprint is accepted: a wrong dialect also causes wrong checksums.
+        A vehicle that sends no hash of its dialect is accepted, because a wrong dialect is also detected by wrong
+        checksums.
         """
         ours, theirs = self._endpoint.dialect.fingerprint, bytes(message.get("flight_custom_version"))
         self._is_dialect_known = True
         if any(theirs) and theirs != ours:
-            both = f"its dialect is {theirs.hex()}, this scenario's {ours.hex()}"
+            both = f"the hash of its dialect is {theirs.hex()}, that of this scenario is {ours.hex()}"
             self.dialect_problem = f"wrong scenario: the vehicle has different sensors or commands: {both}"
             if self._identity is None:
                 self.misfit = self.dialect_problem
@@ -113,7 +119,8 @@ class ScenarioComparison:
         self.vehicle_session = session
 
     def note_second_vehicle(self, message: Message, by: str) -> None:
-        """Record that two vehicles answer. message: message of one vehicle.  by: text that shows the difference."""
+        """Record that two vehicles answer. message: message of one vehicle.  by: text with the numbers that differ
+        between the two vehicles."""
         self.misfit = f"two vehicles answer on this link as {message.system}/{message.component}: {by}"
 
     def handle_identity(self, message: Message) -> None:
@@ -124,7 +131,7 @@ class ScenarioComparison:
     def due(self, now: int, system: int, component: int) -> list[bytes]:
         """Return the requests for the vehicle's settings that are due now.
 
-        Compare the settings if they are complete.
+        If all settings have arrived, compare them.
         """
         if self._identity is None:
             return []

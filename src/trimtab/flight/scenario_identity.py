@@ -1,7 +1,7 @@
-"""Identity of a scenario: the settings on which autopilot and vehicle must agree before a flight, as text by path.
+"""Identity of a scenario: the settings that must be equal on autopilot and vehicle before a flight, as text by path.
 
-The identity leaves out law and supervisor, because they concern the autopilot only; the links, because the real link
-replaces them; and faults, because they concern the vehicle only.
+The identity does not contain law and supervisor, which only the autopilot uses; the links, which the real link
+replaces; and faults, which only the vehicle uses.
 Source: docs page, Fly.
 """
 
@@ -20,7 +20,7 @@ SCENARIO = "scenario"
 
 
 def scenario_identity(scenario: Scenario, dialect: Dialect) -> dict[str, str]:
-    """Return the identity of a scenario. Both ends compute the same identity."""
+    """Return the identity of a scenario. Vehicle and autopilot compute the same identity."""
     world = scenario.world
     sensors = {name: _without_fault(sensor) for name, sensor in world.sensors.items()}
     bare = replace(world, sensors=sensors, actuators=_without_fault(world.actuators), uplink=Wire(), downlink=Wire())
@@ -36,19 +36,21 @@ def scenario_identity(scenario: Scenario, dialect: Dialect) -> dict[str, str]:
 
 
 def format_setting(value: Any, declared: Quantity | Option) -> str:
-    """Return a setting as text for `--set`: periods in seconds, integers without a decimal point."""
+    """Return the value of a setting as text for `--set`: periods in seconds, integers without a decimal point."""
     if isinstance(declared, Option) and declared.kind == "period":
         return repr(float(to_seconds(value)))
     return str(value) if isinstance(declared, Option) and isinstance(value, int) else format_value(value)
 
 
 def identity_path(path: str) -> str:
-    """Return a number's path in the identity, from its path in a vehicle with an inactive fault in every part."""
+    """Return the path of a setting in the identity, from its path in a scenario in which every part has an inactive
+    fault."""
     return path.replace(".inner.", ".")
 
 
 def setting_path(path: str) -> str | None:
-    """Return the path of a number's setting, from its path in a vehicle with inactive faults; None: part of a fault."""
+    """Return the path of a parameter's setting, from its path in a scenario with inactive faults, or None for a
+    parameter of a fault."""
     return None if ".fault." in path else identity_path(path)
 
 

@@ -1,4 +1,4 @@
-"""Motion of a vehicle as measured by its own sensors, for its limits and for the check that it is at rest.
+"""Motion of a vehicle as measured by the vehicle's own sensors, to check its limits and whether it is at rest.
 
 Source: docs page, Arming.
 """
@@ -17,9 +17,9 @@ FENCE, ENVELOPE = "fence", "envelope"
 
 
 class SensedQuantity(NamedTuple):
-    """Quantity of the motion. The quantity is the norm of a group of sensor fields.
+    """Quantity of a vehicle's motion, e.g. its speed. The value is the norm of a group of sensor fields.
 
-    fields: possible groups, the preferred group first.
+    fields: possible groups of sensor fields, the preferred group first.
     """
 
     kind: str
@@ -36,7 +36,7 @@ QUANTITIES: Mapping[str, SensedQuantity] = {
 
 
 class Breach(NamedTuple):
-    """Limit that the vehicle violates: its kind, and a description."""
+    """Limit that the vehicle violates: kind of the limit (e.g. fence), and a description for the user."""
 
     kind: str
     text: str
@@ -50,34 +50,36 @@ class _SensedSlots(NamedTuple):
 
 
 class SensedMotion:
-    """Motion of a vehicle from the newest samples of its sensors."""
+    """Motion of a vehicle, computed from the newest samples of the vehicle's sensors."""
 
     def __init__(self, body: VirtualVehicle, limits: VehicleLimits) -> None:
-        """Find the sensor of each quantity. Raise InputError for a limit on a quantity without a sensor."""
+        """Find a sensor for each quantity. Raise InputError if a limit is set for a quantity that no sensor
+        measures."""
         self._outputs, self._limits = body.world.outputs, limits
         self._slots = {name: slots for name in QUANTITIES if (slots := _find_sensor(body, name)) is not None}
         self.bounds = {name: bound for name in QUANTITIES if (bound := float(getattr(limits, name))) < NO_LIMIT}
         for name in self.bounds:
             if name not in self._slots:
-                problem = f"no sensor of this vehicle measures the {name}"
-                fix = f"remove the limit; the sensors measure {', '.join(self._slots) or 'nothing of its motion'}"
+                problem = f"no sensor of this vehicle measures the {name}, for which a limit is set"
+                fix = f"remove the limit; of the motion, the sensors measure {', '.join(self._slots) or 'nothing'}"
                 raise InputError(f"limits.{name}", problem, choices=self._slots, fix=fix)
         self._outside_since: dict[str, int] = {}
         self._moments: deque[tuple[int, float, float]] = deque()
 
     def sensor(self, name: str) -> str:
-        """Return the name of the sensor that measures a quantity, or "" if no sensor does."""
+        """Return the name of the sensor that measures a quantity, or "" if no sensor measures it."""
         return self._slots[name].sensor if name in self._slots else ""
 
     def value(self, name: str) -> float:
-        """Return the newest value of a quantity; NaN while no sensor has measured it."""
+        """Return the newest value of a quantity, or NaN if no sensor has measured the quantity yet."""
         at = self._slots.get(name)
         if at is None or not self._outputs[at.valid]:
             return math.nan
         return math.hypot(*(x for s in at.slots for x in self._outputs[s].ravel().tolist()))
 
     def find_breach(self, t: int, silences: Mapping[str, float]) -> Breach | None:
-        """Return the first limit that has been violated for long enough, or whose sensor sends no data.
+        """Return the first limit that has been violated for longer than its delay or whose sensor sends no data, or
+        None.
 
         silences: time without data (s) of each sensor that has sent no data for too long, by the sensor's name.
         """
@@ -97,9 +99,10 @@ class SensedMotion:
             self._moments.popleft()
 
     def mean_motion(self) -> tuple[float, float]:
-        """Return mean speed and turn rate over the rest time; infinite while the record is shorter.
+        """Return mean speed and mean turn rate over the last `rest_time`. Both are infinite while the record is shorter
+        than this time.
 
-        The mean of a quantity without a sensor is NaN.
+        The mean of a quantity that no sensor measures is NaN.
         """
         if not self._moments:
             return math.inf, math.inf
@@ -113,7 +116,8 @@ class SensedMotion:
 
 
 def _find_sensor(body: VirtualVehicle, name: str) -> _SensedSlots | None:
-    """Return the slots of the first sensor whose value has the fields of a quantity; None without such a sensor."""
+    """Return the output indices of the fields of a quantity, for the first sensor that measures it, or None without
+    such a sensor."""
     writes = body.world.writes
     for fields in QUANTITIES[name].fields:
         for sensor in body.samples:

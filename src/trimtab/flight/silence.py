@@ -1,16 +1,17 @@
-"""Detector of silence on a link, that is, of a time without data. It reports start and end of a silence."""
+"""Detector of silence on a link, that is, of a period without data. The detector reports start and end of each
+silence."""
 
 from trimtab.core.time import ms, to_seconds
 from trimtab.flight.mavlink.endpoint import FrameCounts
 
 SILENCE = ms(250)
-"""Time without data after which silence is reported."""
+"""Time (100 ns) without data after which silence is reported."""
 SHORT_SILENCE = ms(100)
-"""Longest time without data for which data still counts as arriving."""
+"""Longest time (100 ns) without data for which the link still counts as receiving data."""
 
 
 class SilenceWatch:
-    """Detector of silence at one end of a link. Times `now` are by the clock of that end, in 100 ns."""
+    """Detector of silence (missing data) at one end of a link. Times `now` are by the clock of this end, in 100 ns."""
 
     def __init__(self, counts: FrameCounts, now: int = 0) -> None:
         """counts: frame counters of the receiving end."""
@@ -19,15 +20,15 @@ class SilenceWatch:
         """True from the report of a silence until data arrives again."""
 
     def restart(self, now: int) -> None:
-        """Restart the measurement of silence now."""
+        """Restart the measurement of the time without data, now."""
         self._heard_time = now
 
     def length(self, now: int) -> int:
-        """Return the time since `update` last noticed a new frame."""
+        """Return the time (100 ns) since `update` last found a new frame."""
         return now - self._heard_time
 
     def is_heard(self, now: int) -> bool:
-        """Return True if a frame arrived since the last `update`, or shortly before it."""
+        """Return True if a frame has arrived since the last call of `update` or at most SHORT_SILENCE ago."""
         return self._counts.accepted != self._accepted or self.length(now) < SHORT_SILENCE
 
     def update(self, now: int) -> str:

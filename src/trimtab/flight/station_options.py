@@ -1,4 +1,4 @@
-"""Services that a vehicle offers to ground stations besides its telemetry.
+"""Services that a vehicle offers to ground stations in addition to telemetry, and their options.
 
 Source: docs page, Ground stations.
 """
@@ -20,10 +20,10 @@ from trimtab.flight.station.telemetry import Place
 class StationOptions(NamedTuple):
     """Options of the services that a vehicle offers to ground stations.
 
-    log_folder: folder of the logs that may be read; None: no logs.  transfer_rate: maximum rate of file transfer
-    (byte/s).
-    origin: latitude, longitude and altitude of the origin of the world frame W; None: unknown.
-    store: file for parameters that a ground station asks to store; None: parameters are not stored.
+    log_folder: folder of the logs that stations may read, or None to offer no logs.  transfer_rate: maximum rate of
+    file transfer (byte/s).
+    origin: latitude, longitude and altitude of the origin of the world frame W, or None if they are unknown.
+    store: file for parameters that a ground station asks to store, or None to store no parameters.
     """
 
     log_folder: Path | None = None
@@ -33,7 +33,8 @@ class StationOptions(NamedTuple):
 
 
 def station_services(endpoint: Endpoint, options: StationOptions, documents: Mapping[str, bytes]) -> list[Service]:
-    """Return the services that a vehicle offers to ground stations. documents: served files except logs, by name."""
+    """Return the services that a vehicle offers to ground stations. documents: content of each served file except logs,
+    by name."""
     files, rate = ServedFiles(documents, options.log_folder), options.transfer_rate
     return [
         MissionService(endpoint),

@@ -1,4 +1,5 @@
-"""Stick inside a compiled autopilot: a pilot moves it in flight, and a piloted law reads it as a sample.
+"""Stick of a compiled autopilot. A pilot moves the stick in flight, and a piloted control law reads the stick's
+position as a sample.
 
 Source: docs pages, Console and Piloted.
 """
@@ -12,10 +13,10 @@ FIELDS = ("value.forward", "value.turn", "value.mode", "t", "age", "fresh", "val
 
 
 class CompiledStick:
-    """Stick of a compiled step. Moving it has no effect if the law does not read a stick."""
+    """Stick of a compiled autopilot. If the control law does not read a stick, moving the stick has no effect."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
-        """step: the compiled autopilot of this scenario."""
+        """step: compiled autopilot of the scenario."""
         self._step = step
         sample = f"samples.{optional_member(scenario.autopilot.law, 'stick')}"
         slots = {f: step.reads[path] for f in FIELDS if (path := f"{sample}.{f}") in step.reads}
@@ -24,16 +25,17 @@ class CompiledStick:
 
     @property
     def is_there(self) -> bool:
-        """True if the law reads a stick."""
+        """True if the control law reads the position of a stick."""
         return self._slots is not None
 
     @property
     def mode(self) -> int:
-        """Mode that the last call of `move` has set."""
+        """Mode of the stick that the last call of `move` has set."""
         return 0 if self._slots is None else int(self._step.inputs[self._slots["value.mode"]])
 
     def move(self, forward: float, turn: float, mode: int, t: int) -> None:
-        """Set position and mode of the stick at integer time t, each axis from -1 to 1. The next step reads them."""
+        """Set the position (each axis from -1 to 1) and the mode of the stick at integer time t, for the next control
+        period."""
         if self._slots is None:
             return
         inputs, at = self._step.inputs, self._slots
@@ -41,7 +43,8 @@ class CompiledStick:
         inputs[at["t"]], inputs[at["valid"]], self._is_moved = t, True, True
 
     def set_inputs(self, t: int) -> None:
-        """Set the stick's inputs for the step at integer time t."""
+        """Write the stick's sample into the inputs of the compiled autopilot, for the control period at integer time
+        t."""
         if self._slots is None:
             return
         inputs, at = self._step.inputs, self._slots

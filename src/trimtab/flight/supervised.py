@@ -12,15 +12,16 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import ENDED, FLYING, HOLD, LINK, LOST, REQUESTS, STANDBY
 
 REQUEST_MODES = {"arm": FLYING, "hold": HOLD, "resume": FLYING, "end": ENDED, "clear": STANDBY}
-"""Mode to which each request to the supervisor leads. A request for the active mode, e.g. after a lost acknowledgement,
-is ignored."""
+"""Mode of the supervisor that each request leads to. A request for the current mode, e.g. repeated after a lost
+acknowledgement, is ignored."""
 
 
 class CompiledSupervisor:
-    """Supervisor of a compiled step. If the step has no supervisor, requests to it (arm, hold, end …) are ignored."""
+    """Supervisor of a compiled autopilot. If the autopilot has no supervisor, requests to the supervisor (arm, hold,
+    end …) are ignored."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
-        """step: the compiled autopilot of this scenario."""
+        """step: compiled autopilot of the scenario."""
         self._step = step
         declared = {m.path: m.declaration for m in step.text.outputs}
         paths = ("supervisor.mode", "supervisor.cause")
@@ -35,25 +36,27 @@ class CompiledSupervisor:
 
     @property
     def mode(self) -> int | None:
-        """Number of the supervisor's mode; None without a supervisor that takes requests."""
+        """Number of the supervisor's mode, or None without a supervisor that accepts requests."""
         return None if self._slots is None else int(self._step.outputs[self._codes[0][0]])
 
     @property
     def cause(self) -> int | None:
-        """Number of the cause of the current mode; None without a supervisor."""
+        """Number of the cause of the supervisor's current mode, or None without a supervisor."""
         return int(self._step.outputs[self._codes[1][0]]) if len(self._codes) > 1 else None
 
     @property
     def is_asked(self) -> bool:
-        """True while a request to the supervisor waits for the next step. A step takes one request."""
+        """True while a request to the supervisor waits for the next control period. Each period accepts one request."""
         return self._request is not None
 
     def request(self, request: str) -> None:
-        """Make a request to the supervisor in the next step, unless the supervisor is already in the requested mode."""
+        """Make a request to the supervisor in the next control period, unless the supervisor is already in the
+        requested mode."""
         self._request = None if self.mode in (None, REQUEST_MODES[request]) else request
 
     def set_inputs(self, t: int) -> None:
-        """Set the requests that the step at integer time t reads."""
+        """Write the pending request into the inputs of the compiled autopilot, for the control period at integer time
+        t."""
         if self._slots is None:
             return
         inputs, at = self._step.inputs, self._slots
@@ -64,7 +67,8 @@ class CompiledSupervisor:
         inputs[at["age"]] = (t - inputs[at["t"]]) * SECONDS_PER_UNIT
 
     def describe_changes(self) -> str:
-        """Return the supervisor's new decision as a message; empty if nothing has changed since the last call."""
+        """Return a message with the supervisor's new decision, or an empty string if nothing has changed since the last
+        call."""
         codes = tuple(int(self._step.outputs[at]) for at, _ in self._codes)
         if codes == self._last_codes:
             return ""
@@ -75,10 +79,11 @@ class CompiledSupervisor:
 def explain_change(
     supervised: CompiledSupervisor, remote: RemoteVehicle, backward_sensors: Sequence[str] | None, was_armed: bool
 ) -> str:
-    """Return an explanation of a supervisor's decision, or "". It uses the state of link and vehicle, which the
-    supervisor does not know.
+    """Return an explanation of a supervisor's decision, or "". The explanation uses the state of link and vehicle,
+    which the supervisor does not know.
 
-    backward_sensors: sensors with decreasing time stamps; None: no data arrives, so the link is really lost.
+    backward_sensors: names of sensors with decreasing time stamps, or None if no data arrive and the link is really
+    lost.
     """
     if supervised.cause == LINK and supervised.mode == LOST and backward_sensors is not None:
         names = ", ".join(backward_sensors)

@@ -1,4 +1,4 @@
-"""Virtual vehicle in wall-clock time, behind a real link, with the duties of its firmware.
+"""Virtual vehicle that runs in real time on a real link, and performs the duties of a vehicle's firmware.
 
 Source: docs page, Vehicle.
 """
@@ -36,14 +36,18 @@ from trimtab.logs.stream import LogFileSummary
 from trimtab.loop.scenario import Scenario
 
 OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
-    "firmware.held": ("?", Quantity("1", "The vehicle is held in place: it has not been armed yet.", kind="flag")),
-    "firmware.late": ("f8", Quantity("s", "Delay of the simulation behind the clock at this instant.")),
+    "firmware.held": (
+        "?",
+        Quantity("1", "True while the vehicle is held in place because it has not been armed yet.", kind="flag"),
+    ),
+    "firmware.late": ("f8", Quantity("s", "Delay of the simulation behind real time at this instant.")),
     **frame_signals("wire"),
     **AUTHORITY_SIGNALS,
 }
 """Signals of the vehicle's log, in addition to the signals of the world and the failsafe."""
 DISARM_DELAY = ms(50)
-"""Time for which the vehicle keeps running after it is disarmed at the end of its run: more than two servo frames."""
+"""Time (100 ns) for which the vehicle's program continues after it has disarmed the vehicle at the end. It is longer
+than two servo frames."""
 
 
 class VehicleSummary(NamedTuple):
@@ -61,20 +65,20 @@ class VehicleSummary(NamedTuple):
     lateness: Histogram
     log: LogFileSummary | None
     problems: tuple[str, ...]
-    """Problems listed in the JSON report: failsafes, outputs that switched to their safe values on their own,
-    a lost log."""
+    """Problems listed in the JSON report: failsafes, outputs that became safe without a command of the vehicle, a lost
+    log."""
 
 
 class VehicleRows:
-    """Writer of the rows of a vehicle's log, each with the vehicle's pose."""
+    """Writer of the rows of a vehicle's log. Each row contains the vehicle's pose."""
 
     def __init__(self, parts: VehicleParts, log: FlightRecorder, period: int) -> None:
-        """period: time between rows (100 ns)."""
+        """period: time between log rows (100 ns)."""
         self._parts, self._log, self._period = parts, log, period
         self._pose_time = 0
 
     def write(self, t: int, is_held: bool, late: int) -> None:
-        """Write a row at integer time t, if one is due. late: delay of the work at this instant (ns)."""
+        """Write a log row at integer time t if a row is due. late: delay (ns) of the work at this instant."""
         parts, log = self._parts, self._log
         if t >= self._pose_time:
             self._pose_time = t + TRANSFORM_PERIOD
@@ -85,7 +89,8 @@ class VehicleRows:
 
 
 class LiveVehicle:
-    """Virtual vehicle on a link: world, duties and the vehicle's end of the link. The method `serve` runs it."""
+    """Virtual vehicle on a real link: simulated world, duties of the firmware, and the vehicle's end of the link. The
+    method `serve` runs the vehicle."""
 
     def __init__(
         self,
@@ -101,7 +106,7 @@ class LiveVehicle:
 
         Args:
             scenario: scenario of the vehicle.  link: link to its autopilot and to ground stations.
-            endpoint: function that makes the vehicle's end of the link for a dialect.
+            endpoint: function that makes the vehicle's endpoint for a MAVLink dialect.
             seed: seed of the random numbers.
             station_options: services for ground stations.
             machine: the computer that the vehicle runs on.
@@ -110,7 +115,7 @@ class LiveVehicle:
         options = station_options or StationOptions()
         self.parts = parts = build_vehicle_parts(scenario, link, endpoint, seed, options, machine)
         self.endpoint, self.body, self.duties = parts.endpoint, parts.body, parts.duties
-        parts.station.status = parts.find_status()  # refuses a request to arm in the first packet: no check has run
+        parts.station.status = parts.find_status()  # until a check has run, refuse requests to arm
         self.clock, self.lateness = WallClock(machine.clock), Histogram()
         self._receiver = VehicleReceiver(parts, self.clock)
         self.release_time: int | None = None
@@ -136,18 +141,18 @@ class LiveVehicle:
         """Run until `duration` (100 ns) after the first arming, or until stop() returns True. Disarm before the end.
 
         Args:
-            duration: time from the first arming to the end (100 ns); None: no end.
-            log_limit: maximum size of the log on the disk (bytes); None: no limit.
-            log: path of the vehicle's own log, with the truth.
-            log_period: time between rows (100 ns).
-            watchdog: time without rows (100 ns) after which the outputs' process makes the outputs safe; None: no such
-                process.
-            confirmed: safety settings beyond their limits that the user has confirmed, see `safety_settings`.
-            outputs_folder: folder for the port and the log of the outputs' process.
+            duration: time (100 ns) from the first arming to the end, or None to run until stop() returns True.
+            log_limit: maximum size of the log on the disk (bytes), or None for no limit.
+            log: path of the vehicle's log, which contains the true state.
+            log_period: time between log rows (100 ns).
+            watchdog: time (100 ns) without output rows after which the process of the outputs makes them safe, or None
+                to run without this process.
+            confirmed: names of safety settings beyond their limits that the user has confirmed, see `safety_settings`.
+            outputs_folder: folder for the port and the log of the process of the outputs.
             wanted_real_time: True asks the system for real-time scheduling and locked memory.
-            stop: function called at every instant; the result True ends the run.
+            stop: function called at every instant. If it returns True, the run ends.
             tell: function that receives the messages for the user. It must not block.
-            lost_lines: function that returns how many of these messages were lost.
+            lost_lines: function that returns the number of messages to the user that were lost.
         """
         parts, reporter = self.parts, self.parts.reporter
         flight_log = self._open_log(log, log_limit, log_period)
@@ -164,7 +169,7 @@ class LiveVehicle:
             with parts.machine.real_time(wanted_real_time):
                 try:
                     self._run_loop(duration, flight_log, log_period, stop)
-                finally:  # before leaving real time, which takes longer than the watchdog allows
+                finally:  # close first: leaving real time takes longer than the watchdog allows
                     if self._outputs is not None:
                         self._outputs.close()
         finally:
@@ -212,7 +217,7 @@ class LiveVehicle:
                 break
             try:
                 self._run_instant(t, row_log)
-            except InputError as error:  # an FMU refuses a step
+            except InputError as error:  # the vehicle is an FMU that refuses a step
                 self._problems.append(error.problem)
                 self.parts.reporter.report(f"ended: {error.problem}")
                 break
@@ -250,7 +255,7 @@ class LiveVehicle:
         parts.broadcast.send_private(parts.requests.due(t))
 
     def _announce_mode(self, t: int, breach: str) -> None:
-        """Announce the current mode. breach: the limit that is violated, as text."""
+        """Announce the current mode. breach: description of the violated limit."""
         mode, cause = self.duties.mode
         if self.duties.is_commanded:
             self.release_time, self.disarm_time = t if self.release_time is None else self.release_time, None

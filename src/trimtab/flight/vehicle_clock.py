@@ -1,4 +1,4 @@
-"""Clock of a vehicle, as estimated at the autopilot's end by MAVLink's time synchronisation.
+"""Estimation of the vehicle's clock at the autopilot's end, by MAVLink's time synchronisation.
 
 Source: docs page, Fly; MAVLink's service timesync.
 """
@@ -12,13 +12,14 @@ from trimtab.flight.mavlink.time_sync import TimeSync
 
 SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
 QUICK_ANSWERS = 8
-"""Number of answers after which the vehicle's clock counts as known. Time requests then become less frequent."""
+"""Number of answered time requests after which the vehicle's clock counts as known. Further requests are then less
+frequent."""
 QUICK_ROUND_TRIP = ms(300)
-"""Largest round-trip time of the quickest answer for which the vehicle's clock counts as known."""
+"""Largest round-trip time (100 ns) of the quickest answer at which the vehicle's clock counts as known."""
 
 
 class VehicleClock:
-    """Estimate of the vehicle's clock. Times `now` are by the autopilot's clock, in 100 ns."""
+    """Estimator of the vehicle's clock. Times `now` are by the autopilot's clock, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, tell: Callable[[str], None], remarks: list[str]) -> None:
         """Start without an answer of the vehicle.
@@ -31,7 +32,7 @@ class VehicleClock:
         self._endpoint, self._tell, self._remarks = endpoint, tell, remarks
         self.sync = TimeSync()
         self.untimely: UntimelyMessage | None = None
-        """Answer of the vehicle to a pending time request, rejected for its time stamp; None: no such answer."""
+        """Answer of the vehicle to a pending time request that was rejected because of its time stamp, or None."""
         self._answers = self._jumps = self._next = 0
 
     @property
@@ -40,31 +41,34 @@ class VehicleClock:
         return self._answers >= QUICK_ANSWERS and self.sync.shortest <= QUICK_ROUND_TRIP
 
     def offset(self, now: int) -> int:
-        """Return the vehicle's clock minus the autopilot's clock (100 ns). The applied offset changes without jumps."""
+        """Return the offset (100 ns) that is used in conversions: the vehicle's clock minus the autopilot's clock. The
+        offset changes without jumps."""
         return self.sync.to_remote(now) - now
 
     def due(self, now: int) -> list[bytes]:
-        """Return the packet of a time request if one is due now."""
+        """Return the packet of a time request if a request is due now, otherwise an empty list."""
         if now < self._next:
             return []
         self._next = now + (SYNC_SLOW if self.is_known and not self.sync.is_doubtful else SYNC_QUICK)
         return [self._endpoint.pack("TIMESYNC", self.sync.ask(now))]
 
     def handle_answer(self, message: Message, now: int) -> bool:
-        """Handle a TIMESYNC message of the vehicle. Return True if it is a second answer to the same request."""
+        """Handle a TIMESYNC message of the vehicle. Return True if this message is a second answer to the same
+        request."""
         if not self.sync.handle_answer(message.get("tc1"), message.get("ts1"), now):
             return bool(self.sync.doubles)
         if self.sync.is_doubtful:
             self._next = now
             return False
-        if self.sync.jumps != self._jumps:  # e.g. the vehicle was restarted
+        if self.sync.jumps != self._jumps:  # e.g. because the vehicle was restarted
             self._jumps, self._answers = self.sync.jumps, 0
             self._tell("the vehicle's clock has changed")
         self._answers = min(self._answers + 1, QUICK_ANSWERS)
         return False
 
     def handle_untimely(self, untimely: Sequence[UntimelyMessage]) -> None:
-        """Record that the clocks differ if a frame rejected for its time stamp answers a pending time request."""
+        """If a frame that was rejected because of its time stamp answers a pending time request, record that the clocks
+        differ."""
         for refused in untimely:
             message = refused.message
             if message.name == "TIMESYNC" and message.get("tc1") > 0 and self.sync.is_open(message.get("ts1")):
@@ -74,10 +78,13 @@ class VehicleClock:
                 self.untimely = refused
 
     def follow(self) -> None:
-        """Sign packets by the clock of the answering vehicle from now on."""
+        """Sign packets from now on with the time of the vehicle that answered."""
         if self.untimely is not None and self._endpoint.stamps is not None:
             self._endpoint.stamps.follow(self.untimely.stamp)
-            remark = f"signing by the vehicle's clock, {self.untimely.lead:+.1f} s from this computer's"
+            remark = (
+                f"packets are signed by the vehicle's clock, which is {self.untimely.lead:+.1f} s from this "
+                "computer's clock"
+            )
             self._remarks.append(remark)
             self._tell(remark)
         self.untimely = None

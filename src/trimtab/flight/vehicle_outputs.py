@@ -1,4 +1,5 @@
-"""Outputs of a vehicle in flight: rows are sent to the outputs' process, and the process's reports are announced.
+"""Outputs of a vehicle in flight. Output rows are sent to the process of the outputs, and reports of this process are
+announced.
 
 Source: docs page, Vehicle (Watchdog).
 """
@@ -26,9 +27,9 @@ class VehicleOutputs:
         Args:
             parts: parts of the vehicle.
             problems: list to which problems are appended for the JSON report.
-            watchdog: time without rows (100 ns) after which the outputs go safe.
-            folder: folder for the port and the log of the outputs' process.
-            wanted_real_time: ask the system for real-time scheduling.
+            watchdog: time (100 ns) without output rows after which the outputs become safe.
+            folder: folder for the port and the log of the process of the outputs.
+            wanted_real_time: True to ask the system for real-time scheduling.
         """
         self._parts, self._problems, world, rules = parts, problems, parts.body.world, parts.duties.failsafe
         safe = [(f"command.value.{p}", v) for p, v, _ in leaves(rules.safe)]
@@ -47,11 +48,12 @@ class VehicleOutputs:
 
     @property
     def problem(self) -> str:
-        """Problem of the outputs' process; empty while the process works."""
+        """Problem of the process of the outputs, or an empty string while the process works."""
         return self._outputs.problem
 
     def hand_over(self, t: int) -> None:
-        """Send the current row to the outputs' process, and announce new reports and problems of the process."""
+        """Send the current output row to the process of the outputs, and announce new reports and problems of this
+        process."""
         outputs, duties = self._outputs, self._parts.duties
         if not outputs.is_alive:
             return
@@ -70,5 +72,5 @@ class VehicleOutputs:
         self._parts.announcer.announce(Severity.CRITICAL, text)
 
     def close(self) -> None:
-        """Make the outputs safe and end their process."""
+        """Make the outputs safe and end the process of the outputs."""
         self._outputs.close()

@@ -1,4 +1,4 @@
-"""Parts of a virtual vehicle in wall-clock time. Each part holds references to the parts that it uses.
+"""Parts of a virtual vehicle that runs in real time. Each part holds references to the parts that it uses.
 
 Source: docs page, Vehicle.
 """
@@ -39,7 +39,7 @@ from trimtab.vehicles.vehicle_type import mav_type
 
 
 class VehicleParts(NamedTuple):
-    """Parts of a virtual vehicle in wall-clock time."""
+    """Parts of a virtual vehicle that runs in real time."""
 
     scenario: Scenario
     link: Link
@@ -54,7 +54,7 @@ class VehicleParts(NamedTuple):
     announcer: Announcer
     parameters: Parameters
     command: MessageGroup
-    """Group of messages that carry a command."""
+    """Group of the MAVLink messages that carry a command."""
     requests: FlightRequests
     identity: IdentityService
     broadcast: Broadcast
@@ -63,7 +63,7 @@ class VehicleParts(NamedTuple):
     refusals: RefusalAnswers
 
     def find_status(self) -> Status:
-        """Return the vehicle's status, with the reasons why it cannot be armed."""
+        """Return the status of the vehicle for ground stations, with the reasons why the vehicle cannot be armed."""
         return self.duties.status._replace(
             arming_problem=self.guard.problem,
             confirmation_problem=self.guard.confirmation_problem,

@@ -1,4 +1,4 @@
-"""Distribution of the packets that a vehicle receives to the parts of the vehicle.
+"""Distribution of received packets to the parts of a vehicle.
 
 Source: docs page, Vehicle.
 """
@@ -22,7 +22,7 @@ class VehicleReceiver:
         self._declared = {p.path: p.declaration for p in parts.parameters.listed}
 
     def take_command(self) -> GroupSample | None:
-        """Return the newest command received since the last call, or None."""
+        """Return the newest command that was received since the last call, or None."""
         command, self._newest_command = self._newest_command, None
         return command
 
@@ -68,7 +68,8 @@ class VehicleReceiver:
         parts.instruments.handle_event(event, now)
 
     def _note_request(self, request: ArmRequest) -> None:
-        """Log the checks when the vehicle is armed. When the user disarms it, record this as a confirmation."""
+        """Log the results of the checks when the vehicle is armed. When the user disarms the vehicle, record the
+        confirmation that it may be armed again after a failsafe."""
         if request.by_hand and not request.arm:
             self._parts.guard.confirm()
         if request.arm and not self._parts.duties.is_commanded:

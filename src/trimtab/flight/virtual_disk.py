@@ -1,6 +1,7 @@
-"""Logs of the ends of a link in virtual time, kept in memory.
+"""Logs of vehicle and autopilot in virtual time, kept in memory.
 
-Their rows and events equal those of a log file (tests/flight/test_virtual_disk.py), and are part of the trace.
+The rows and events of these logs equal those of a log file (tests/flight/test_virtual_disk.py), and are part of the
+trace of the simulation.
 Source: docs page, Testing.
 """
 
@@ -31,28 +32,28 @@ NO_SPACE = os.strerror(errno.ENOSPC)
 
 
 class VirtualDisk:
-    """Disk of one machine in virtual time. It opens logs as `flight_log.SystemDisk` does."""
+    """Disk of one machine in virtual time. It opens logs in memory, with the interface of `flight_log.SystemDisk`."""
 
     def __init__(self, time: VirtualTime, owner: str, tell: Callable[[str], None] = lambda _: None) -> None:
-        """owner: name of the disk's owner, for the trace.  tell: function that receives the messages for the user."""
+        """owner: name of the machine, for the trace.  tell: function that receives the messages for the user."""
         self._time, self.owner, self.tell = time, owner, tell
         self.is_full = False
         self.is_writer_dead = False
-        """True once the process that writes logs has died. The program continues to fly."""
+        """True once the process that writes the logs has died. The flying program continues."""
         self.is_dead = False
-        """True once the program that writes rows has been killed: no more rows are written."""
+        """True once the program whose logs are on this disk has been killed. No more rows are then written."""
         self.hangs = False
-        """True while writes do not return, as on a stalled card. Rows then wait in the ring buffer of each log."""
+        """True while the disk hangs, like a stalled memory card. Rows then wait in the ring buffer of each log."""
         self.logs: list[MemoryLog] = []
 
     def free_bytes(self, folder: Path) -> int:
-        """Return the free space (bytes)."""
+        """Return the free space on this disk (bytes)."""
         return 0 if self.is_full else FREE_BYTES
 
     def open_log(
         self, path: Path, rows: FlightRows, metadata: Mapping[str, Any], frame: str, limit: LogLimit | None
     ) -> "MemoryLog":
-        """Open a log. The arguments are those of `flight_log.FlightLog`; a limit has no effect in memory."""
+        """Open a log. The arguments are those of `flight_log.FlightLog`. The size limit has no effect in memory."""
         log = MemoryLog(self, self._time, rows, metadata)
         self.logs.append(log)
         return log
@@ -75,14 +76,14 @@ class MemoryLog:
         self.unread_rows = 0
         self._dropped = 0
         self._written = 0, 0
-        """Number of rows, and number of events, that are on the disk."""
+        """Number of rows and number of events that have been written to the disk."""
 
     def start_clock(self, start: int, clock: Clock) -> None:
         """Set the log's time zero to `start`, a time of the monotonic clock (ns)."""
         self._epoch = round(clock.unix() * NS_PER_SECOND) - clock.monotonic_ns() + start
 
     def write_row(self, t: int, own: Sequence[float] = ()) -> None:
-        """Write a row. If the disk is full, or the row is not later than the previous row, only count it."""
+        """Write the row of time t. If the disk is full, or t is not later than the previous row, only count the row."""
         if self._disk.is_dead:
             return
         row = np.empty(self._rows.width)
@@ -110,7 +111,7 @@ class MemoryLog:
             self._written = len(self._ticks), len(self._events)
 
     def await_room(self) -> None:
-        """Return at once: memory always has room for a row."""
+        """Return immediately, because memory always has room for a row."""
 
     def _note_gap(self) -> None:
         if self._disk.is_full:
@@ -138,7 +139,8 @@ class MemoryLog:
         )
 
     def _await_disk(self) -> bool:
-        """Wait at most `END_S` for a hanging disk. If it still hangs, drop the unwritten rows and return False."""
+        """Wait at most `END_S` seconds for a hanging disk. If the disk still hangs, drop the unwritten rows and return
+        False."""
         clock = self._time.running.clock if self._disk.hangs else None
         given_up = self._time.now + END_S * NS_PER_SECOND
         while clock is not None and self._disk.hangs and self._time.now < given_up:
@@ -151,7 +153,7 @@ class MemoryLog:
         return False
 
     def read(self) -> Log:
-        """Return the log as it would be read from its file."""
+        """Return the log, as if it had been read from a log file."""
         events = list(self._events)
         if not self.is_closed:
             last = max(self._ticks[-1] if self._ticks else 0, 0)

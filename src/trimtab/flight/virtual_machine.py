@@ -1,4 +1,4 @@
-"""Computers in virtual time. Each has a network name, a clock and a disk, and runs one live program at a time.
+"""Computers in virtual time. Each computer has a network name, a clock and a disk, and runs one live program at a time.
 
 Source: docs page, Testing.
 """
@@ -27,7 +27,8 @@ LOOK_S = 0.001
 
 
 class VirtualMachine:
-    """Computer in virtual time. A program that is started after another was killed continues with the same clock."""
+    """Computer in virtual time. All programs that are started on one computer, one after the other, use the same
+    clock."""
 
     def __init__(self, time: VirtualTime, network: VirtualNetwork, name: str) -> None:
         """name: name of the computer on the network."""
@@ -35,16 +36,17 @@ class VirtualMachine:
         self.disks: list[VirtualDisk] = []
         self.programs: list[VirtualProgram] = []
         self.outputs: list[VirtualProgram] = []
-        """Outputs' processes that were started on this computer, as programs in virtual time."""
+        """Processes of vehicle outputs that were started on this computer, as programs in virtual time."""
         self.interrupts = 0
-        """Number of requests to end that the running program received."""
+        """Number of requests to end (as by Ctrl-C) that the running program has received."""
         self.tell: Callable[[str], None] = lambda _: None
-        """Function that receives the lines printed by the outputs' processes."""
+        """Function that receives the lines that are printed by the processes of vehicle outputs."""
         self.terminal = VirtualTerminal(time)
         self.port_folder: Path | None = None
-        """Folder for the ports of outputs' processes; None: they have no port."""
+        """Folder for the ports of the processes of vehicle outputs, or None to make no ports."""
         self.start_driver: Callable[[Path, VirtualProgram, VirtualProgram], object] = lambda *_: None
-        """Function that is called with each new port, the vehicle's program, and the program of its outputs."""
+        """Function that starts a driver. It is called with the path of a new port, the vehicle's program, and the
+        program of the vehicle's outputs."""
         self._sessions = time.random(f"sessions of {name}")
 
     @property
@@ -54,11 +56,12 @@ class VirtualMachine:
 
     @property
     def disk(self) -> VirtualDisk:
-        """Disk of the program that was started last."""
+        """Disk that is used by the program that was started last."""
         return self.disks[-1]
 
     def start(self, run: Callable[[Machine], Any], words: Sequence[str] = ()) -> VirtualProgram:
-        """Start a program now. run: function that is called with this computer.  words: words of the command line."""
+        """Start a program now. run: function of the program, called with the description of this computer.  words:
+        arguments of the command line."""
         self.interrupts = 0
         self.disks.append(VirtualDisk(self.time, self.name, lambda line: self.tell(line)))
         disk = self.disk
@@ -68,20 +71,20 @@ class VirtualMachine:
         return program
 
     def interrupt(self) -> None:
-        """Ask the program to end, as Ctrl-C does."""
+        """Request the running program to end, as Ctrl-C does."""
         self.interrupts += 1
 
     def freeze(self, seconds: float) -> None:
-        """Stop the program for some seconds, as SIGSTOP does."""
+        """Freeze the running program for some seconds, as SIGSTOP does."""
         self.time.freeze(self.program, seconds)
 
     def kill(self) -> None:
-        """End the program at once, without clean-up, as SIGKILL does."""
+        """End the program immediately, without clean-up, as SIGKILL does."""
         self.disk.is_dead = True
         self.time.kill(self.program)
 
     def step_clock(self, seconds: float) -> None:
-        """Step the wall clock of this computer."""
+        """Change the wall clock of this computer by a number of seconds."""
         self.time.step_clock(self.program, seconds)
 
     def _describe(self, clock: VirtualClock, disk: VirtualDisk, words: Sequence[str]) -> Machine:
@@ -161,13 +164,13 @@ class VirtualMachine:
 
 @contextlib.contextmanager
 def _schedule(is_wanted: bool = True) -> Iterator[RealTimeGrant]:
-    """Do nothing: virtual time needs no real-time scheduling."""
+    """Do nothing, because programs in virtual time need no real-time scheduling."""
     yield RealTimeGrant("virtual", False)
 
 
 @contextlib.contextmanager
 def _keep_stamps(program: VirtualProgram, endpoint: Endpoint) -> Iterator[None]:
-    """Close the endpoint at the end. If its program was killed, no time stamp is stored."""
+    """Close the endpoint at the end of this context. If the program was killed, no time stamp is stored."""
     try:
         yield
     finally:

@@ -1,4 +1,4 @@
-"""Network in virtual time: datagrams are delayed, lost, duplicated and reordered at random, all from one seed.
+"""Network in virtual time. Datagrams are delayed, lost, duplicated and reordered at random, reproducibly from one seed.
 
 Source: docs page, Testing.
 """
@@ -13,33 +13,35 @@ from trimtab.core.clock import NS_PER_SECOND
 from trimtab.flight.virtual_time import PACKET, VirtualProgram, VirtualTime
 
 MOST_WAITING = 256
-"""Maximum number of packets that wait in a socket, as for small packets in Linux. Further packets are lost."""
+"""Maximum number of packets in the receive queue of a socket, as for small packets in Linux. Further packets are
+lost."""
 FIRST_PORT = 40_000
 
 
 class Host(NamedTuple):
-    """Address of a socket."""
+    """Network address of a socket: host and port."""
 
     host: str
     port: int
 
 
 class Path:
-    """Path from one host to another. All attributes may be changed while programs run."""
+    """Network path from one host to another. All attributes may be changed while programs run."""
 
     def __init__(self, draw: random.Random) -> None:
         self.delay, self.jitter = 0.0002, 0.0
-        """Delay of a packet (s), and the width of the random delay that is added (s)."""
+        """Constant delay of a packet (s), and width (s) of the random delay that is added."""
         self.loss = self.double = 0.0
-        """Probability that a packet is lost, and probability that a packet arrives twice."""
+        """Probability that a packet is lost, and probability that a packet is duplicated."""
         self.keeps_order = True
         """True if packets arrive in the order in which they were sent."""
         self.cut_until = 0
-        """Time (ns) until which all packets are lost."""
+        """Virtual time (ns) until which all packets on this path are lost."""
         self._draw, self._last = draw, 0
 
     def transit(self, now: int) -> list[int]:
-        """Return the times (ns) at which a packet that is sent now arrives."""
+        """Return the times (ns) at which a packet that is sent now arrives. A lost packet has no time, a duplicated
+        packet has two."""
         if now < self.cut_until or (self.loss and self._draw.random() < self.loss):
             return []
         copies = 2 if self.double and self._draw.random() < self.double else 1
@@ -54,12 +56,12 @@ class Path:
 
 
 class VirtualNetwork:
-    """Sockets of programs, and the paths between their hosts."""
+    """Network in virtual time: sockets of programs, and paths between their hosts."""
 
     def __init__(self, time: VirtualTime) -> None:
         self.time = time
         self.names: dict[int, str] = {}
-        """Name of the host that listens on each port, for addresses of this machine such as 127.0.0.1."""
+        """Name of the host that listens on each port. It is used for local addresses such as 127.0.0.1."""
         self._sockets: dict[Host, VirtualSocket | _Answerer] = {}
         self._paths: dict[tuple[str, str], Path] = {}
         self._ports = itertools.count(FIRST_PORT)
@@ -78,13 +80,13 @@ class VirtualNetwork:
         """Open a datagram socket.
 
         Args:
-            program: owner of the socket.
-            host: name of the machine.
-            port: port to listen on; None: any.
-            peer: address that the socket is connected to; None: any.
+            program: program that owns the socket.
+            host: name of the machine on which the program runs.
+            port: port to listen on, or None for any free port.
+            peer: address that the socket is connected to, or None for a socket that receives from any address.
 
         Raises:
-            OSError: the port is taken.
+            OSError: another socket of this host uses the port.
         """
         address = Host(host, next(self._ports) if port is None else port)
         if address in self._sockets:
@@ -95,18 +97,19 @@ class VirtualNetwork:
         return made
 
     def answer_at(self, address: Host, take: Callable[[bytes, Host], None]) -> None:
-        """Call a function with each packet that arrives at an address, and with its sender, e.g. for a relay."""
+        """Call a function for each packet that arrives at an address, e.g. for a relay. The arguments are the packet
+        and the address of the packet's sender."""
         self._sockets[address] = _Answerer(take)
 
     def connect_pair(self, near: VirtualProgram) -> tuple["VirtualPair", "VirtualPair"]:
-        """Return the two ends of a packet connection without delay. The far end has no owner yet."""
+        """Return the two ends of a packet connection without delay. The second end has no owner yet."""
         a, b = (VirtualPair(self.time, next(self._descriptors)) for _ in range(2))
         a.other, b.other = b, a
         a.give_to(near)
         return a, b
 
     def send(self, sender: Host, receiver: Host, packet: bytes) -> None:
-        """Send a packet from any address, even a forged one, as an attacker does."""
+        """Send a packet with a given sender's address, which may be forged, as an attacker does."""
         time = self.time
         time.note("packet", *sender, *receiver, packet)
         for at in self.path(sender.host, receiver.host).transit(time.now):
@@ -121,13 +124,13 @@ class VirtualNetwork:
         self.time.add_event(at, PACKET, known.number if known else 0, arrive)
 
     def forget(self, socket: "VirtualSocket") -> None:
-        """Release the address of a socket."""
+        """Remove a socket, so that its address can be used again."""
         if self._sockets.get(socket.address) is socket:
             del self._sockets[socket.address]
 
 
 class _Answerer(NamedTuple):
-    """Address whose packets go to a function instead of a program."""
+    """Receiver of packets that calls a function and belongs to no program."""
 
     take: Callable[[bytes, Host], None]
     number: int = 0
@@ -147,14 +150,14 @@ class VirtualSocket:
         self._descriptor = descriptor
         self._waiting: deque[tuple[bytes, Host]] = deque()
         self.overflowed = 0
-        """Number of packets that were lost because too many waited in the socket."""
+        """Number of packets that were lost because the receive queue of the socket was full."""
 
     def has_data(self) -> bool:
-        """Return whether a packet waits."""
+        """Return True if a packet has arrived and is not read yet."""
         return bool(self._waiting) or self._descriptor < 0
 
     def take_packet(self, packet: bytes, sender: Host) -> VirtualProgram | None:
-        """Store a packet that arrives now. Return the program that wakes up, or None."""
+        """Store a packet that arrives now. Return the program that the packet wakes up, or None."""
         if self._peer is not None and sender != self._peer:
             return None
         if len(self._waiting) >= MOST_WAITING:
@@ -165,11 +168,12 @@ class VirtualSocket:
         return time.wake(program) if time.is_blocked(program, self) else None
 
     def fileno(self) -> int:
-        """Return a number that identifies this socket, -1 once it is closed."""
+        """Return a number that identifies this socket, or -1 once the socket is closed."""
         return self._descriptor
 
     def recvfrom(self, size: int, /) -> tuple[bytes, Host]:
-        """Return the next packet and its sender. Raise BlockingIOError if no packet waits."""
+        """Return the next packet and the address of the packet's sender. Raise BlockingIOError if no packet has
+        arrived."""
         if not self._waiting:
             raise BlockingIOError
         packet, sender = self._waiting.popleft()
@@ -189,13 +193,13 @@ class VirtualSocket:
         return len(packet)
 
     def close(self) -> None:
-        """Close the socket; its address is free again."""
+        """Close the socket. Its address can then be used again."""
         self._descriptor = -1
         self._network.forget(self)
 
 
 class VirtualPair:
-    """End of a packet connection within a machine. It never blocks."""
+    """End of a packet connection within a machine. Its methods never block."""
 
     other: "VirtualPair"
 
@@ -210,15 +214,15 @@ class VirtualPair:
         program.closers.append(self.close)
 
     def has_data(self) -> bool:
-        """Return whether a packet waits, or the other end is closed."""
+        """Return True if a packet has arrived and is not read yet, or if the other end is closed."""
         return bool(self._waiting) or self.other.fileno() < 0 or self._descriptor < 0
 
     def fileno(self) -> int:
-        """Return a number that identifies this end, -1 once it is closed."""
+        """Return a number that identifies this end, or -1 once this end is closed."""
         return self._descriptor
 
     def send(self, packet: bytes, /) -> int:
-        """Send a packet. Raise BlockingIOError if there is no room, BrokenPipeError if the other end is closed."""
+        """Send a packet. Raise BlockingIOError if the buffer is full, or BrokenPipeError if the other end is closed."""
         other = self.other
         if self._descriptor < 0 or other.fileno() < 0:
             raise BrokenPipeError
@@ -229,7 +233,8 @@ class VirtualPair:
         return len(packet)
 
     def recv(self, size: int, /) -> bytes:
-        """Return the next packet, empty if the other end is closed. Raise BlockingIOError if no packet waits."""
+        """Return the next packet, or empty bytes if the other end is closed. Raise BlockingIOError if no packet has
+        arrived."""
         if self._waiting:
             return self._waiting.popleft()[:size]
         if self.other.fileno() < 0:
@@ -237,13 +242,13 @@ class VirtualPair:
         raise BlockingIOError
 
     def close(self) -> None:
-        """Close this end. The other end is notified."""
+        """Close this end of the connection, and wake the owner of the other end."""
         if self._descriptor >= 0:
             self._descriptor = -1
             self.other._announce()
 
     def _announce(self) -> None:
-        """Wake the owner if it waits for this end."""
+        """Wake the program that owns this end, if the program waits for this end."""
         program, time = self._program, self._time
         if program is not None:
 

@@ -1,7 +1,7 @@
-"""Terminal of a computer in virtual time. It can hang, as after Ctrl-S or behind a full pipe.
+"""Terminal of a computer in virtual time. The terminal can hang, as after Ctrl-S or behind a full pipe.
 
-A program that writes directly to a hanging terminal is blocked. Lines in a queue wait in the queue instead, as in
-`line_writer.LineWriter`.
+A program that writes directly to a hanging terminal is blocked. A program that uses a queue is not blocked: the lines
+wait in the queue, as in `line_writer.LineWriter`.
 Source: docs page, Testing.
 """
 
@@ -13,7 +13,7 @@ from trimtab.core.line_writer import CLOSE_S, ROOM
 from trimtab.flight.virtual_time import VirtualTime
 
 LOOK_S = 0.001
-"""Time (s) between two checks whether the terminal takes lines again."""
+"""Time (s) between two checks whether the terminal accepts lines again."""
 
 
 class VirtualTerminal:
@@ -22,7 +22,7 @@ class VirtualTerminal:
     def __init__(self, time: VirtualTime) -> None:
         self._time = time
         self.hangs = False
-        """True while the terminal takes no lines."""
+        """True while the terminal accepts no lines."""
 
     def wait_for_room(self) -> None:
         """Block the running program while the terminal hangs."""
@@ -31,7 +31,8 @@ class VirtualTerminal:
             clock.wait(None, LOOK_S)
 
     def open_queue(self, write: Callable[[str], object]) -> "VirtualLines":
-        """Return a queue of lines, as `machine.write_lines` does. write: function that writes a line."""
+        """Return a queue of lines within this context, as `machine.write_lines` does. write: function that writes a
+        line to the terminal."""
         return VirtualLines(self, self._time, write)
 
 
@@ -61,7 +62,7 @@ class VirtualLines:
             self._write(self._waiting.popleft())
 
     def settle(self) -> int:
-        """Wait at most `CLOSE_S` until all lines are written. Return the number of lost or unwritten lines."""
+        """Wait at most `CLOSE_S` seconds until all lines are written. Return the number of lost or unwritten lines."""
         clock = self._time.running.clock
         given_up = clock.monotonic_ns() + CLOSE_S * NS_PER_SECOND
         while self._waiting and self._terminal.hangs and clock.monotonic_ns() < given_up:

@@ -1,11 +1,11 @@
-"""Virtual time: live programs share one clock, which advances only when all programs wait.
+"""Virtual time: simulation in which live programs share one clock, which advances only when all programs wait.
 
-Each program (vehicle, outputs, autopilot, ground station, injector, attacker) is a thread. A thread runs only while it
-holds the baton. It hands the baton over when it waits, in `Clock.wait`. The earliest packet, deadline or action is
-next. Simultaneous events are ordered by kind, then by the order in which their programs were started. So one seed gives
-one sequence of events, however fast the machine is.
+Each program (vehicle, outputs, autopilot, ground station, injector, attacker) is a thread. Only one thread runs at a
+time, the one that holds the baton. A thread hands the baton over when it waits in `Clock.wait`. The program of the
+earliest event (packet, deadline or action) is next. Simultaneous events are ordered by kind, then by the order in which
+their programs were started. So each seed leads to one sequence of events, independent of the speed of the machine.
 
-While a program runs, it can be frozen, killed or kept busy, and its wall clock can be stepped.
+During a simulation, a program can be frozen, killed or kept busy, and its wall clock can be changed.
 Source: docs page, Testing; J. Zhou et al., "FoundationDB", SIGMOD 2021, section 4 (simulation of a whole system).
 """
 
@@ -20,25 +20,27 @@ from typing import Any
 from trimtab.core.clock import NS_PER_SECOND, Waitable
 
 ACTION, PACKET, WAKE = range(3)
-"""Kinds of events, in the order in which simultaneous events happen."""
+"""Kinds of events, in the order in which simultaneous events are processed."""
 UNIX_START = 1_780_000_000.0
 """Wall-clock time at the start of virtual time (s since 1970)."""
 LONGEST_BOOT = 100 * NS_PER_SECOND
-"""Largest monotonic time of a program at the start of virtual time (ns): machines have different boot times."""
+"""Largest monotonic time (ns) of a program at the start of virtual time. Each machine has a different random boot
+time."""
 CLOCK_ERROR = 1e-3
-"""Largest lead (s) of a machine's wall clock over virtual time. Each machine has a different lead."""
+"""Largest lead (s) of a machine's wall clock over virtual time. Each machine has a different random lead."""
 MOST_HAND_OVERS = 1_000_000
-"""Number of hand-overs of the baton at one instant above which a program counts as hanging."""
+"""Number of hand-overs of the baton without progress of virtual time above which a program counts as hanging."""
 MOST_TIME = 3600 * NS_PER_SECOND
 """Virtual time (ns) after which a run counts as hanging."""
 
 
 class KilledError(BaseException):
-    """Exception that ends the thread of a killed program. Handlers of ordinary errors do not catch it."""
+    """Exception that ends the thread of a killed program. It is a BaseException, so that handlers of ordinary errors do
+    not catch it."""
 
 
 class VirtualTimeError(Exception):
-    """Error of virtual time: no program can wake up, or a program hangs."""
+    """Error of a simulation in virtual time: no program can wake up, or a program hangs."""
 
 
 class VirtualProgram:
@@ -55,24 +57,26 @@ class VirtualProgram:
         self.ready: Any
         self.frozen_until: float = 0
         self.work = self.cpu = 0
-        """Remaining work of the program (ns), and its processor time so far (ns)."""
+        """Remaining busy time (ns) of the program, and processor time (ns) that the program has used."""
         self.busy_until = 0
         """Time (ns) until which the program is kept busy with its own work."""
         self.closers: list[Callable[[], None]] = []
-        """Functions that close the program's sockets, as the system does when a process dies."""
+        """Functions to call when the program ends. They close the program's sockets, as the system does when a process
+        dies."""
         self.gate = threading.Lock()
         self.gate.acquire()
         self.run = run
 
     @property
     def exit_reason(self) -> str:
-        """Return "running", "ended", "failed" or "killed"."""
+        """Return the state of the program: "running", "ended", "failed" or "killed"."""
         if self.is_killed:
             return "killed"
         return "failed" if self.error else "ended" if self.has_ended else "running"
 
     def can_act(self, now: int) -> bool:
-        """Return whether the program runs now (ns): it has not ended, and is neither frozen nor kept busy."""
+        """Return True if the program can run at time now (ns), that is, if it has not ended and is neither frozen nor
+        kept busy."""
         return not (self.has_ended or self.is_killed) and max(self.frozen_until, self.busy_until) <= now
 
 
@@ -80,7 +84,7 @@ class VirtualClock:
     """Clock of one program in virtual time."""
 
     def __init__(self, time: "VirtualTime", boot: int, unix_offset: float) -> None:
-        """Start a clock.
+        """Start the clock of a program.
 
         Args:
             time: the virtual time.
@@ -100,11 +104,11 @@ class VirtualClock:
         return UNIX_START + self._time.now / NS_PER_SECOND + self.unix_offset
 
     def thread_ns(self) -> int:
-        """Return the processor time of the program (ns): the time for which it was kept busy."""
+        """Return the processor time (ns) of the program, that is, the time for which the program was kept busy."""
         return self.program.cpu
 
     def wait(self, ready: Waitable | None, timeout: float) -> bool:
-        """Wait until an object is ready to read. Return False if it is not ready after `timeout` seconds."""
+        """Wait until an object is ready to read. Return False if the object is not ready after `timeout` seconds."""
         return self._time.wait(self.program, ready, timeout)
 
 
@@ -112,7 +116,7 @@ class VirtualTime:
     """Scheduler of programs on one virtual clock. Call `start` for each program, then `run`."""
 
     def __init__(self, seed: int, *, hand_over: Callable[[], None] = lambda: None) -> None:
-        """Start at time zero.
+        """Start with virtual time zero.
 
         Args:
             seed: seed of all random numbers of the run.
@@ -121,7 +125,7 @@ class VirtualTime:
         self.seed, self.now, self._hand_over = seed, 0, hand_over
         self.programs: list[VirtualProgram] = []
         self.running: VirtualProgram
-        """The program that holds the baton."""
+        """Program that holds the baton, or None."""
         self._events: list[tuple[int, int, int, int, Callable[[], VirtualProgram | None]]] = []
         self._count = self._spins = self._spin_time = 0
         self._trace = hashlib.sha256()
@@ -131,11 +135,11 @@ class VirtualTime:
         self._done.acquire()
 
     def random(self, name: str) -> random.Random:
-        """Return a random generator of this run. Generators with different names are independent."""
+        """Return the random generator with this name. Generators with different names are independent."""
         return random.Random(f"{self.seed}/{name}")
 
     def note(self, *fields: Any) -> None:
-        """Add an event at the current time to the trace."""
+        """Add an entry with the current time to the trace of the run."""
         self._trace.update(repr((self.now, *fields)).encode())
 
     @property
@@ -156,7 +160,7 @@ class VirtualTime:
         Args:
             name: name of the program.
             run: function of the program, called with the program's clock in a new thread.
-            clock: clock of an earlier program on the same machine; None: the program gets a new machine's clock.
+            clock: clock of an earlier program on the same machine, or None for the clock of a new machine.
         """
         own = self._draw_clock(name) if clock is None else VirtualClock(self, clock._boot, clock.unix_offset)
         program = VirtualProgram(name, len(self.programs), run, own)
@@ -172,7 +176,8 @@ class VirtualTime:
         return VirtualClock(self, boot, CLOCK_ERROR * self.random(f"clock of {name}").random())
 
     def adopt(self, name: str) -> VirtualProgram:
-        """Make the calling thread a program, which holds the baton until it waits. Do not call `run` in this case."""
+        """Make the calling thread a program, which holds the baton until it waits. The method `run` must then not be
+        called."""
         clock = self._draw_clock(name)
         clock.program = program = VirtualProgram(name, len(self.programs), lambda _: None, clock)
         program.is_adopted = True
@@ -194,7 +199,7 @@ class VirtualTime:
         Args:
             time: time of the call, not in the past.
             kind: ACTION, PACKET or WAKE.
-            order: number of the program that the event concerns.
+            order: number of the program that the event concerns, which orders simultaneous events.
             action: the function. It returns the program that wakes up, or None.
         """
         self._count += 1
@@ -219,7 +224,7 @@ class VirtualTime:
             raise self._error
 
     def freeze(self, program: VirtualProgram, seconds: float = math.inf) -> None:
-        """Stop a program for some seconds, or until `thaw`, as SIGSTOP does. Packets go on arriving."""
+        """Freeze a program for some seconds, or until `thaw` is called, as SIGSTOP does. Packets still arrive."""
         program.frozen_until = self.now + seconds * NS_PER_SECOND
         if seconds < math.inf:
             self.add_event(round(program.frozen_until), WAKE, program.number, lambda: self._thaw(program))
@@ -230,7 +235,7 @@ class VirtualTime:
         self.add_event(self.now, WAKE, program.number, lambda: self._thaw(program))
 
     def kill(self, program: VirtualProgram) -> None:
-        """End a program at once, without clean-up, as SIGKILL does."""
+        """End a program immediately, without clean-up, as SIGKILL does."""
         if program.has_ended or program.is_killed:
             return
         program.is_killed, program.frozen_until = True, 0
@@ -239,15 +244,15 @@ class VirtualTime:
         self._wait_until(program, None, self.now)
 
     def keep_busy(self, program: VirtualProgram, seconds: float) -> None:
-        """Keep a program busy for some seconds, from the next time that it reads the clock."""
+        """Keep a program busy for some seconds, starting when the program next reads the clock."""
         program.work += round(seconds * NS_PER_SECOND)
 
     def step_clock(self, program: VirtualProgram, seconds: float) -> None:
-        """Step the wall clock of a program's machine."""
+        """Change the wall clock of a program's machine by a number of seconds."""
         program.clock.unix_offset += seconds
 
     def wait(self, program: VirtualProgram, ready: Any, timeout: float) -> bool:
-        """Wait in a program until an object is ready or the time is over, see `Clock.wait`."""
+        """Wait in a program until an object is ready or the time-out has passed, see `Clock.wait`."""
         self.pass_work(program)
         if ready is not None and ready.has_data():
             return True
@@ -258,7 +263,7 @@ class VirtualTime:
         return ready is not None and ready.has_data()
 
     def pass_work(self, program: VirtualProgram) -> None:
-        """Suspend a program for the time for which it is kept busy or frozen."""
+        """Suspend the calling program while it is kept busy or frozen."""
         if program.is_killed:
             raise KilledError
         while program.work or program.frozen_until > self.now:
@@ -268,7 +273,7 @@ class VirtualTime:
             self._suspend(program, None, self.now + work)
 
     def is_blocked(self, program: VirtualProgram, ready: Any) -> bool:
-        """Return True if a program waits for an object and would continue if the object became ready."""
+        """Return True if a program waits for an object and continues when the object becomes ready."""
         return program.is_waiting and program.ready is ready and program.frozen_until <= self.now
 
     def wake(self, program: VirtualProgram) -> VirtualProgram:

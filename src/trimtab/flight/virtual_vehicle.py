@@ -1,4 +1,5 @@
-"""World at the vehicle's end of a link: it receives commands, advances from instant to instant, and packs samples.
+"""Simulated world at the vehicle's end of a link. It receives commands, advances from instant to instant, and packs
+sensor samples.
 
 Source: docs page, Vehicle.
 """
@@ -20,16 +21,18 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.cosimulation import SteppedWorld
 
 ACTUATION_PREFIXES = ("uplink.", "actuators.")
-"""Prefixes of the outputs that belong to the start of a world's step. All other outputs belong to the step's end."""
+"""Prefixes of the world's outputs that are valid at the start of a time step. All other outputs are valid at the end of
+the step."""
 NO_TIME = np.iinfo(np.int64).min
 PACE, PACED_INSTANTS = 0.5, 200
-"""Largest duration of an FMU's step, as a fraction of the shortest interval between instants; number of instants that
-are used to find this interval.
+"""Largest computing time of an FMU's step, as a fraction of the shortest interval between instants, and number of
+instants from which this interval is found.
 """
 
 
 class VirtualVehicle:
-    """Compiled world, independent of clocks and transports. The first call of `advance` must be to time 0."""
+    """Compiled simulation of a vehicle, independent of clocks and transports. The first call of `advance` must be to
+    time 0."""
 
     def __init__(self, scenario: Scenario, dialect: Dialect, world: CompiledBlock) -> None:
         """world: the compiled world of this scenario."""
@@ -44,8 +47,8 @@ class VirtualVehicle:
         self._sent_times: dict[str, Any] = dict.fromkeys(self.samples, NO_TIME)
         self.t = self.row_t = 0
         self.row: Any = np.zeros(len(world.outputs))
-        """Log row of the instant `row_t`, the last instant before `t`. It includes the actuation, as in the log of
-        `simulate`.
+        """Values of all outputs at `row_t`, the last instant before `t`, as in a log row of `simulate`. They include
+        the actuation from `row_t` on.
         """
         paths = [p for p in writes if p.startswith(ACTUATION_PREFIXES)]
         self._actuation_slots = slot_indices(writes, paths, len(world.outputs))
@@ -53,14 +56,16 @@ class VirtualVehicle:
         self._has_begun = False
 
     def instants(self) -> Iterator[int]:
-        """Return an endless iterator of the instants for `advance`, from 0 on."""
+        """Return an endless iterator over the times of the instants for `advance`, from 0 on."""
         world = self.scenario.world
         return instants([*world.periods(), self.scenario.autopilot.period], world.max_step)
 
     def advance(self, t: int, *, fresh: bool, is_held: bool = False) -> None:
-        """Advance to integer time t, with the command that was written into the world's inputs at the last instant.
+        """Advance the simulation to integer time t, with the command that was written into the world's inputs at the
+        last instant.
 
-        fresh: True if the command is new.  is_held: True holds the vehicle in place, with an unchanged true state.
+        fresh: True if the command is new.  is_held: True to hold the vehicle in place. Its true state then does not
+        change.
         """
         inputs = self.world.inputs
         at_t, at_h, at_first, at_held, at_fresh = self._input_slots
@@ -74,15 +79,15 @@ class VirtualVehicle:
         self.row_t, self.t, self._has_begun = self.t, t, True
 
     def log_sources(self) -> list[LogSource]:
-        """Return the vector of the vehicle's world whose numbers are logged."""
+        """Return the output vector of the vehicle's world as the source of its log rows."""
         return [LogSource(self.row, self.world.text.outputs, lambda p: p)]
 
     def final_truth(self) -> dict[str, Any]:
-        """Return the current true state, by path, as the final values of a log."""
+        """Return the current true state, by path, which a log stores as final values."""
         return {p: np.array(self.world.outputs[at]) for p, at in self.world.writes.items() if p.startswith("truth.")}
 
     def changed_sensors(self) -> list[str]:
-        """Return the sensors whose sample has changed since the last call."""
+        """Return the names of the sensors with a new sample since the last call."""
         outputs, sensors = self.world.outputs, list[str]()
         for sensor, (time, valid) in self._sample_slots.items():
             if outputs[valid] and outputs[time] != self._sent_times[sensor]:
@@ -96,7 +101,7 @@ class VirtualVehicle:
 
 
 def instants(periods: list[int], max_step: int) -> Iterator[int]:
-    """Yield all multiples of the periods from 0 on, with gaps over max_step split evenly."""
+    """Yield all multiples of the periods from 0 on, in increasing order. A gap longer than max_step is split evenly."""
     t, distinct = 0, sorted(set(periods))
     yield 0
     while True:
@@ -108,7 +113,8 @@ def instants(periods: list[int], max_step: int) -> Iterator[int]:
 
 
 def check_pace(world: Any, scenario: Scenario) -> None:
-    """Run steps of an FMU. Raise InputError if a step takes over half of the shortest interval between instants."""
+    """Measure the computing time of an FMU's steps. Raise InputError if a step takes over half of the shortest interval
+    between instants."""
     if not isinstance(world, SteppedWorld):
         return
     periods = [*scenario.world.periods(), scenario.autopilot.period]
@@ -116,6 +122,9 @@ def check_pace(world: Any, scenario: Scenario) -> None:
     shortest = min(b - a for a, b in itertools.pairwise(times))
     took = world.measure_steps(shortest)
     if took > PACE * to_seconds(shortest):
-        problem = f"a step of the FMU takes {took * 1e3:.3g} ms here, too long for a step every {format_time(shortest)}"
+        problem = (
+            f"computing a step of the FMU takes {took * 1e3:.3g} ms here, too long for a step every "
+            f"{format_time(shortest)}"
+        )
         fix = f"{argument('lockstep', True)} on both sides, or {argument('settings', '50 ms', 'world.max_step')}"
-        raise InputError(f"{scenario.name} by a clock", problem, fix=fix)
+        raise InputError(f"{scenario.name} in real time", problem, fix=fix)

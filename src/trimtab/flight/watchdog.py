@@ -1,6 +1,6 @@
-"""Watchdog of the outputs: it chooses the row to apply, from the received rows and the time.
+"""Watchdog of a vehicle's outputs. It selects the output row to apply, depending on the received rows and the time.
 
-This module needs only the standard library, since it runs in the process of the outputs.
+This module imports only the standard library, because it runs in the process of the outputs.
 Source: docs page, Vehicle (Watchdog).
 """
 
@@ -10,11 +10,12 @@ from trimtab.flight.output_port import DRIVEN, LATCHED, SAFE, WAITING, OutputRow
 
 
 class Watchdog:
-    """Watchdog that chooses the row to apply, from the received rows and the time. Times are in ns of one clock."""
+    """Watchdog that selects the output row to apply, depending on the received rows and the time. All times are in ns,
+    by the same clock."""
 
     def __init__(self, safe: Sequence[float], timeout: int, lift_delay: int, latch: int) -> None:
-        """timeout: time without rows after which the safe row is applied. latch: time without rows after which the
-        safe row stays until the vehicle is disarmed.
+        """timeout: time without received rows after which the safe row is applied.  latch: time without received rows
+        after which the safe row remains applied until the vehicle is disarmed.
 
         lift_delay: time for which the lift fan keeps turning after the safe row takes effect.
         """
@@ -23,9 +24,9 @@ class Watchdog:
         self._stamp = self._lift_until = 0
 
     def take_row(self, stamp: int, is_commanded: bool, lift: bool, values: tuple[float, ...]) -> None:
-        """Take a row that the vehicle sent at the time `stamp`.
+        """Apply a row that the vehicle sent at time `stamp`, unless the safe row is latched.
 
-        A latched safe row stays until the vehicle is no longer commanded.
+        A latched safe row remains applied until the vehicle sends that it no longer obeys a command.
         """
         state, lift_now = self.row.state, self.row.lift and self.row.state != DRIVEN
         latched = state == LATCHED or (state != WAITING and stamp - self._stamp >= self._latch)
@@ -36,7 +37,8 @@ class Watchdog:
         self.row = OutputRow(DRIVEN, lift, values)
 
     def check(self, now: int, is_gone: bool = False) -> bool:
-        """Advance time to now. Return True if the safe row takes effect now. is_gone: no more rows can arrive."""
+        """Advance the watchdog to time now. Return True if the safe row is applied from now on. is_gone: True if no
+        more rows can arrive."""
         row = self.row
         if row.state == DRIVEN and (is_gone or now - self._stamp >= self._timeout):
             self._lift_until = now + (self._lift_delay if row.lift else 0)
@@ -49,7 +51,7 @@ class Watchdog:
         return False
 
     def next_check(self) -> int | None:
-        """Return the next time at which the row to apply changes without a new row; None if it does not."""
+        """Return the next time at which the applied row changes if no row arrives, or None if it does not change."""
         if self.row.state == DRIVEN:
             return self._stamp + self._timeout
         times = [self._lift_until] if self.row.lift else []
@@ -57,5 +59,5 @@ class Watchdog:
         return min(times, default=None)
 
     def silence(self, now: int) -> int:
-        """Return the time since the last row."""
+        """Return the time since the last received row was sent."""
         return now - self._stamp

@@ -1,8 +1,9 @@
-"""Delivery in order: packets that each take a random latency, and never overtake one another.
+"""Delivery of packets in order: each packet has a random latency, and no packet overtakes another.
 
-A ring buffer has one slot per send instant. A slot without a packet, or with a lost packet, repeats the previous slot.
-So arrival times never decrease along the ring, and the newest packet that has arrived is found by counting the packets
-that have not arrived yet. The slot numbers depend only on the time, so a batch of runs shares them.
+A ring buffer has one slot for each time at which a packet may be sent. A slot without a packet, or with a lost packet,
+repeats the content of the previous slot. So arrival times never decrease along the ring, and the newest packet that has
+arrived is found by counting the packets that have not arrived yet. The slot numbers depend only on the time, so all
+runs in a batch have the same slot numbers.
 """
 
 import math
@@ -22,18 +23,21 @@ from trimtab.core.time import NEVER, SECONDS_PER_UNIT, UNITS_PER_SECOND, format_
 
 @record
 class Fifo:
-    """Packets in transit, and the sample at the receiving end. Arrays of the ring have a leading axis of slots.
+    """State of a link: packets in transit, and the sample at the receiving end. The first axis of each array of the
+    ring buffer is the slot.
 
-    Frames: those of the values carried. Source: docs page.
+    Frames: those of the transmitted values. Source: docs page.
     """
 
-    key: Any = part("Key of the random draws; None without random draws.")
-    values: Any = part("Value in each slot of the ring buffer.")
+    key: Any = part("Key of the random draws, or None for a link without random draws.")
+    values: Any = part("Transmitted value in each slot of the ring buffer.")
     measured: Scalar = quantity("100 ns", "Measurement time of the value in each slot.", kind="time")
     due: Scalar = quantity(
-        "100 ns", "Arrival time of the packet in each slot; never decreases along the ring.", kind="time"
+        "100 ns", "Arrival time of the packet in each slot. It never decreases along the ring.", kind="time"
     )
-    serial: Scalar = quantity("1", "Number of packets sent and not lost, up to the packet in each slot.", kind="count")
+    serial: Scalar = quantity(
+        "1", "Cumulative number of packets that were sent and not lost, up to each slot.", kind="count"
+    )
     offered: Scalar = quantity("100 ns", "Measurement time of the last sample sent.", kind="time")
     held: Scalar = quantity("100 ns", "Measurement time of the sample at the receiving end.", kind="time")
     sent: Scalar = quantity("1", "Number of packets sent so far, including lost packets.", kind="count")
@@ -42,7 +46,8 @@ class Fifo:
 
 
 def empty_fifo(key: Any, like: Sample, capacity: int) -> Fifo:
-    """Return an empty ring of `capacity` slots, for samples of the structure of `like`."""
+    """Return the initial state with an empty ring buffer of `capacity` slots, for samples with the structure of
+    `like`."""
     none = np.int32(0)
     return Fifo(
         key=key,
@@ -59,31 +64,33 @@ def empty_fifo(key: Any, like: Sample, capacity: int) -> Fifo:
 
 
 def empty_slots(value: Any, n: int) -> Any:
-    """Return a tree of zeros with a leading axis of n slots on every leaf."""
+    """Return a value with the structure of `like`, in which every number is an array of zeros with an additional first
+    axis of n slots."""
     return jax.tree.map(lambda leaf: jnp.zeros((n, *jnp.shape(leaf)), jnp.result_type(leaf)), value)
 
 
 def read_slot(ring: Any, slot: Any) -> Any:
-    """Return the content of a ring (leaves (n, ...)) in a slot in [0, n)."""
+    """Return the content of one slot of a ring buffer, whose arrays have shape (n, …). slot: from 0 to n - 1."""
     return jax.tree.map(lambda leaf: lax.dynamic_index_in_dim(leaf, slot, keepdims=False), ring)
 
 
 def write_slot(ring: Any, slot: Any, value: Any) -> Any:
-    """Return a ring (leaves (n, ...)) with a new value written to a slot in [0, n)."""
+    """Return a ring buffer, whose arrays have shape (n, …), with a new value in one slot. slot: from 0 to n - 1."""
     return jax.tree.map(
         lambda leaf, new: lax.dynamic_update_index_in_dim(leaf, jnp.asarray(new, leaf.dtype), slot, 0), ring, value
     )
 
 
 def measurement_time(sample: Sample) -> Any:
-    """Return the time at which a sample was measured, or NEVER if it is not valid."""
+    """Return the time at which a sample was measured, or NEVER if the sample is not valid."""
     return jnp.where(sample.valid, sample.t, NEVER)
 
 
 def receive_sample(now: Any, value: Any, measured: Any, held: Any) -> Sample:
-    """Return the sample at the receiving end. It is fresh if its measurement time differs from `held`.
+    """Return the sample at the receiving end. The sample is fresh if its measurement time differs from `held`, that of
+    the previous call.
 
-    Before the first arrival it is not valid, and its age counts from the start of the run.
+    Before the first arrival the sample is not valid, and its age is counted from the start of the run.
     """
     valid = measured != NEVER
     t = jnp.where(valid, measured, 0)
@@ -93,17 +100,20 @@ def receive_sample(now: Any, value: Any, measured: Any, held: Any) -> Sample:
 def deliver(
     t: Any, fifo: Fifo, sample: Sample, draw: Callable[[], tuple[Any, Any]], *, send_period: int, period: int
 ) -> tuple[Fifo, Sample]:
-    """Send a sample if it is due and new, and return the state and the newest sample that has arrived.
+    """Send the sample if a packet is due and the sample is new. Return the new state and the newest sample that has
+    arrived.
 
-    A packet arrives at max(arrival of the previous packet, now + latency), and is received at the next call.
+    A packet arrives at max(arrival of the previous packet, now + latency), and is received at the next call of this
+    function.
 
     Args:     t: now, integer time.    sample: sample at the sending end.
-              draw: returns the latency (s, not negative) of a packet sent now, and True if it is lost.
-              send_period: time between packets; at most one is sent per send_period, at its first instant.
+              draw: function that returns the latency (s, not negative) of a packet sent now, and True if the packet is
+              lost.
+              send_period: time between packets. At most one packet is sent per send_period, at its first instant.
               period: time between two calls.
     """
     number, before = t // send_period, (t - period) // send_period
-    # The condition depends on the time only, so that a batch of runs has a real branch here.
+    # The condition depends only on the time, so that a batch of runs really skips one of the branches.
     fifo = lax.cond(number != before, lambda: _send(t, number, fifo, sample, *draw()), lambda: fifo)
 
     pending = jnp.sum(fifo.due > t)
@@ -137,14 +147,16 @@ def _send(t: Any, number: Any, fifo: Fifo, sample: Sample, latency: Any, lost: A
 
 
 def required_slots(longest: float, send_period: int, period: int) -> int:
-    """Return the smallest capacity (slots) of a ring that cannot overflow with latencies up to `longest` (s)."""
+    """Return the smallest number of slots with which a ring buffer cannot overflow for latencies up to `longest`
+    (s)."""
     return 1 + math.ceil((round(longest * UNITS_PER_SECOND) + period) / send_period)
 
 
 def check_ring(name: str, capacity: int, longest: float, send_period: int, period: int) -> None:
-    """Raise InputError if a packet could be overwritten before its arrival, or be sent between two calls.
+    """Raise InputError if a packet could be overwritten in the ring buffer before its arrival, or be due between two
+    calls of the link.
 
-    Args:     name: name of the link.    capacity: number of slots of the ring, one per send_period.
+    Args:     name: name of the link.    capacity: number of slots of the ring buffer, one per send_period.
               longest: longest latency (s).
     """
     if send_period < period:
@@ -161,5 +173,5 @@ def check_ring(name: str, capacity: int, longest: float, send_period: int, perio
             f"{name}.capacity",
             f"a ring of {capacity} slots, one per {format_time(send_period)}, keeps packets for {span:.4g} s,"
             f" but the longest latency is {longest:.4g} s (plus {format_time(period)} until it is received)",
-            fix=f"set capacity to {needed} or more",
+            fix=f"set capacity to at least {needed}",
         )

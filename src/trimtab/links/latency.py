@@ -1,5 +1,5 @@
-"""Packet link with latencies drawn from a measured distribution, and distributions of five pairs of Bluetooth modules.
-[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""Packet link with random latencies from a measured distribution, and the distributions for five pairs of Bluetooth
+modules. [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
 import math
@@ -20,7 +20,8 @@ from trimtab.links.fifo import Fifo, check_ring, deliver, empty_fifo, required_s
 
 NODES = 65
 SPAN = 4.0
-"""Largest normal score of a latency table: its NODES entries are evenly spaced from -SPAN to SPAN."""
+"""Largest normal score (standard normal quantile) of a latency table. The normal scores of the table's NODES latencies
+are evenly spaced from -SPAN to SPAN."""
 
 
 @record
@@ -30,51 +31,58 @@ class MeasuredLatency:
         latency of packet k = table(z_k), linear between its nodes, z_k ~ N(0, 1);
         arrival_k = max(arrival_(k-1), send_k + latency_k);   lost with probability `loss`
 
-    At most one packet leaves per `send_period`, and only if its sample is newer than the last one sent. Lost packets
-    are not sent again. The receiving end polls each `period` and holds the newest sample that has arrived. The draws of
-    a packet depend only on its send instant, so changing loss or latency does not affect other packets.
+    At most one packet is sent per `send_period`, and only if its sample is newer than the last sample sent. Lost
+    packets are not sent again. The receiving end polls the link once per `period` and holds the newest sample that has
+    arrived. The random draws of a packet depend only on the time of sending, so a change of `loss` or of the latencies
+    does not change the draws of other packets.
 
-    Frames:  those of the values carried.    Not modelled: correlation of successive latencies, bursts of loss.
-    Valid:   `send_period` >= `period`; a ring longer than the longest latency (`check`).
-    Source:  [1] table 5.1, for means and spreads; the shape of the distribution is reconstructed, see docs Errata.
+    Frames:  those of the transmitted values.    Not modelled: correlation of successive latencies, bursts of loss.
+    Valid:   `send_period` >= `period`; ring buffer longer than the longest latency (see `check`).
+    Source:  [1] table 5.1 for means and standard deviations. The shape of the distribution is reconstructed, see docs
+    page Errata.
     """
 
     latency: Scalar = quantity(
         "s",
-        "Latency at each node of the table, whose nodes are evenly spaced normal scores.",
+        "Table of latencies, one for each of NODES evenly spaced normal scores.",
         low=0,
         shape=(NODES,),
         off={"delay": np.zeros(NODES), "jitter": lambda link: np.full(NODES, mean_latency(link.latency))},
     )
     loss: Scalar = imperfection("1", "Probability that a packet is lost.", "loss", high=1)
     send_period: int = period("Time between packets.", default=ms(20))
-    period: int = period("Polling period of the receiving end.", default=ms(1))
+    period: int = period("Period at which the receiving end polls the link.", default=ms(1))
     capacity: int = option("Number of slots of the ring buffer, one per send period.", default=64)
 
     def check(self) -> None:
-        """Raise InputError if the table's latencies decrease, or the ring is too short for the longest latency."""
+        """Raise InputError if the latencies in the table decrease, or if the ring buffer is too short for the longest
+        latency."""
         table = np.asarray(self.latency)
         if table.shape != (NODES,) or not np.isfinite(table).all() or (np.diff(table) < 0).any() or table[0] < 0:
             raise InputError(
                 "MeasuredLatency.latency",
                 f"{np.array2string(table, threshold=6, precision=4)} s, of shape {table.shape}, must be"
                 f" {NODES} rising latencies, at least 0",
-                fix="use gamma_table(mean, sd, shift), or measured quantiles at ndtr(normal_scores())",
+                fix=(
+                    "use gamma_table(mean, sd, shift), or measured quantiles of the latency at the probabilities "
+                    "ndtr(normal_scores())"
+                ),
             )
         check_ring("MeasuredLatency", self.capacity, float(table[-1]), self.send_period, self.period)
 
     def draw(self, key: Key, packet: Any) -> tuple[Any, Any]:
-        """Return latency (s) and loss of a packet. packet: its number, i.e. its send time divided by `send_period`."""
+        """Return the latency (s) of a packet, and True if the packet is lost. packet: number of the packet, i.e. its
+        time of sending divided by `send_period`."""
         z, _ = normal2(key, packet, 0)
         u, _ = uniform2(key, packet, 1)
         return interpolate_latency(self.latency, z), u < self.loss
 
     def init(self, key: Key, like: Sample) -> Fifo:
-        """Return the initial state, without packets, for samples of the structure of `like`."""
+        """Return the initial state, without packets, for samples with the structure of `like`."""
         return empty_fifo(key, like, self.capacity)
 
     def step(self, t: Any, state: Fifo, sample: Sample) -> tuple[Fifo, Sample]:
-        """Return the state and the sample at the receiving end at integer time t."""
+        """Return the new state, and the sample at the receiving end at integer time t."""
         return deliver(
             t,
             state,
@@ -86,7 +94,7 @@ class MeasuredLatency:
 
 
 def interpolate_latency(table: Any, z: Any) -> Any:
-    """Return the latency (s) at a normal score z, from a table (NODES,); constant beyond ±SPAN."""
+    """Return the latency (s) at a normal score z, interpolated in a table (NODES,), and constant beyond ±SPAN."""
     place = jnp.clip((z + SPAN) * ((NODES - 1) / (2 * SPAN)), 0.0, NODES - 1.0)
     node = jnp.minimum(place.astype(np.int32), NODES - 2)
     table = jnp.asarray(table)
@@ -95,7 +103,7 @@ def interpolate_latency(table: Any, z: Any) -> Any:
 
 
 def normal_scores() -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return the normal scores (NODES,) of a table's entries."""
+    """Return the normal scores (NODES,) of the latencies in a table."""
     return np.linspace(-SPAN, SPAN, NODES)
 
 
@@ -106,16 +114,16 @@ def gamma_table(mean: float, sd: float, shift: float) -> np.ndarray[Any, np.dtyp
 
         k = ((mean - shift) / sd)^2,   scale = sd^2 / (mean - shift),   latency(z) = shift + scale Q_k(ndtr(z))
 
-    Q_k is the quantile function of the gamma distribution of shape k. Source: [1] table 5.1 for the moments; the
-    distribution is reconstructed, see docs Errata.
+    Q_k is the quantile function of the gamma distribution of shape k. Source: [1] table 5.1 for the moments; the shape
+    of the distribution is reconstructed, see docs page Errata.
     """
-    from scipy import special  # takes 0.2 s to import, and only tables need it
+    from scipy import special  # the import takes 0.2 s and is needed for tables only
 
     if not (0 <= shift < mean and sd > 0 and math.isfinite(mean) and math.isfinite(sd)):
         raise InputError(
             "gamma_table",
-            f"mean {mean} s, standard deviation {sd} s, shift {shift} s give no distribution",
-            fix="give 0 <= shift < mean and sd > 0, in seconds",
+            f"mean {mean} s, standard deviation {sd} s and shift {shift} s do not define a distribution",
+            fix="pass values in seconds with 0 <= shift < mean and sd > 0",
         )
     k, scale = ((mean - shift) / sd) ** 2, sd**2 / (mean - shift)
     z = normal_scores()
@@ -124,8 +132,8 @@ def gamma_table(mean: float, sd: float, shift: float) -> np.ndarray[Any, np.dtyp
 
 
 def mean_latency(table: Any) -> float:
-    """Return the mean latency (s) of a table for a standard normal score, exact for linear interpolation."""
-    from scipy import special  # takes 0.2 s to import, and only tables need it
+    """Return the mean latency (s) of a table, exact for linear interpolation and normally distributed scores."""
+    from scipy import special  # the import takes 0.2 s and is needed for tables only
 
     values, z = np.asarray(table, np.float64), normal_scores()
     weight, density = special.ndtr(z), np.exp(-(z**2) / 2) / math.sqrt(2 * math.pi)
@@ -135,7 +143,7 @@ def mean_latency(table: Any) -> float:
 
 
 class Latencies(NamedTuple):
-    """Statistics of the latency of one path in the measured table, in milliseconds."""
+    """Measured statistics of the latency of one path, in milliseconds."""
 
     mean_ms: float
     sd_ms: float
@@ -172,34 +180,39 @@ TABLE: Mapping[str, Mapping[str, Latencies]] = MappingProxyType(
         },
     }
 )
-"""Module on the vehicle / module on the ground, data rate up/down in kb/s -> path -> latencies. [1] table 5.1.
+"""Measured latencies, by pair of modules and then by path. The key of a pair is the module on the vehicle / the module
+on the ground, then the data rates up/down in kb/s. Source: [1] table 5.1.
 
 The latencies are not additive: a mean round trip differs from the sum of up and down by -1.2 to +5.4 ms.
 """
 
 SEND_PERIODS: Mapping[str, int] = MappingProxyType({"up": ms(20), "down": ms(6)})
-"""Time between packets on each path: servo commands up, navigation down. [1] section 6.1."""
+"""Time between packets on each path (100 ns): servo commands up, navigation data down. Source: [1] section 6.1."""
 
 BELOW_MIN_MS = 2.0
-"""Distance (ms) of the gamma distribution's start below the smallest measured latency (our estimate, docs Errata)."""
+"""Distance (ms) from the start of the gamma distribution to the smallest measured latency. It is our own estimate, see
+docs page Errata."""
 
 
 def bluetooth_link(
     pair: str, path: str, *, loss: float = 0.0, send_period: int | None = None, period: int = ms(1)
 ) -> MeasuredLatency:
-    """Return a link with the measured mean and spread of one path of one pair of modules.
+    """Return a link with the measured mean and standard deviation of the latency, for one path of one pair of modules.
 
     Args:
         pair: a key of TABLE, e.g. "free2move/linksys 2.9/22.0".
         path: "up" (ground to vehicle) or "down".
-        loss: probability that a packet is lost; the table gives no value.
-        send_period: time between packets (100 ns); by default the value of SEND_PERIODS.
+        loss: probability that a packet is lost. The table contains no measured value.
+        send_period: time between packets (100 ns), by default the value of SEND_PERIODS for the path.
         period: polling period of the receiving end (100 ns).
     """
     if pair not in TABLE:
         near = closest(pair, TABLE)
         raise InputError(
-            "bluetooth", f"the table has no pair {pair!r}", choices=TABLE, fix=f"write {near[0]!r}" if near else ""
+            "bluetooth",
+            f"the table has no pair of modules {pair!r}",
+            choices=TABLE,
+            fix=f"write {near[0]!r}" if near else "",
         )
     if path not in SEND_PERIODS:
         why = ": a round trip is two links, not one" if path == "round trip" else ""
@@ -207,7 +220,7 @@ def bluetooth_link(
             "bluetooth",
             f"the table has no path {path!r}{why}",
             choices=SEND_PERIODS,
-            fix="make one link for each direction",
+            fix="make one link for each direction, up and down",
         )
     row = TABLE[pair][path]
     table = gamma_table(row.mean_ms / 1e3, row.sd_ms / 1e3, (row.min_ms - BELOW_MIN_MS) / 1e3)

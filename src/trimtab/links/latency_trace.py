@@ -1,4 +1,4 @@
-"""Packet link that repeats the latencies of a recording."""
+"""Packet link that repeats recorded latencies, and files of recorded latencies."""
 
 import math
 from pathlib import Path
@@ -24,17 +24,17 @@ class LatencyTrace:
 
         latency of the k-th packet sent = latency[k mod n];  arrival_k = max(arrival_(k-1), send_k + latency_k)
 
-    At most one packet leaves per `send_period`, and only if its sample is newer than the last one sent. The recorded
-    send times are not used: the recording is a sequence of packets.
+    At most one packet is sent per `send_period`, and only if its sample is newer than the last sample sent. The
+    recorded times of sending are not used. The recording only defines the sequence of latencies and losses.
 
-    Frames:  those of the values carried.    Not modelled: change of latency with the load of the link.
-    Valid:   `send_period` >= `period`; a ring longer than the longest latency (`check`).
+    Frames:  those of the transmitted values.    Not modelled: change of latency with the load of the link.
+    Valid:   `send_period` >= `period`; ring buffer longer than the longest latency (see `check`).
     Source:  docs page.
     """
 
     latency: Scalar = quantity(
         "s",
-        "Latency of each recorded packet; 0 for a lost packet.",
+        "Latency of each recorded packet, 0 for a lost packet.",
         low=0,
         off={
             "delay": lambda link: np.zeros_like(link.latency, np.float64),
@@ -49,11 +49,12 @@ class LatencyTrace:
         off={"loss": lambda link: np.zeros_like(link.lost)},
     )
     send_period: int = period("Time between packets.", default=ms(20))
-    period: int = period("Polling period of the receiving end.", default=ms(1))
+    period: int = period("Period at which the receiving end polls the link.", default=ms(1))
     capacity: int = option("Number of slots of the ring buffer, one per send period.", default=64)
 
     def check(self) -> None:
-        """Raise InputError if the recording is empty or inconsistent, or the ring too short for the longest latency."""
+        """Raise InputError if the recording is empty or inconsistent, or if the ring buffer is too short for the
+        longest latency."""
         latency, lost = np.asarray(self.latency), np.asarray(self.lost)
         if latency.ndim != 1 or not latency.size or lost.shape != latency.shape:
             raise InputError(
@@ -66,21 +67,21 @@ class LatencyTrace:
             raise InputError(
                 "LatencyTrace.latency",
                 f"packet {k} has the latency {latency[k]} s, must be at least 0",
-                fix="give 0 or more; mark a lost packet in `lost`",
+                fix="set a latency of at least 0; mark a lost packet in `lost`",
             )
         check_ring("LatencyTrace", self.capacity, float(latency.max()), self.send_period, self.period)
 
     @classmethod
     def of(cls, trace: "Trace", **settings: Any) -> "LatencyTrace":
-        """Return a link that repeats a recording; settings are the other fields, e.g. ``send_period=ms(6)``."""
+        """Return a link that repeats a recording. settings: values of the other fields, e.g. ``send_period=ms(6)``."""
         return cls(latency=trace.latency_s, lost=trace.lost, **settings)
 
     def init(self, key: Key, like: Sample) -> Fifo:
-        """Return the initial state, without packets, for samples of the structure of `like`; the key is not needed."""
+        """Return the initial state, without packets, for samples with the structure of `like`. The key is not used."""
         return empty_fifo(None, like, self.capacity)
 
     def step(self, t: Any, state: Fifo, sample: Sample) -> tuple[Fifo, Sample]:
-        """Return the state and the sample at the receiving end at integer time t."""
+        """Return the new state, and the sample at the receiving end at integer time t."""
         latency, lost = jnp.asarray(self.latency), jnp.asarray(self.lost)
         k = state.sent % latency.shape[0]
         return deliver(
@@ -100,7 +101,8 @@ def mean_received_latency(link: LatencyTrace) -> float:
 
 
 class Trace(NamedTuple):
-    """Recording of n packets: send time (s, never decreasing), latency (s; 0 if lost), and True for a lost packet."""
+    """Recording of n packets: time of sending (s, never decreasing), latency (s, 0 for a lost packet), and True for a
+    lost packet."""
 
     sent_s: np.ndarray[Any, Any]
     latency_s: np.ndarray[Any, Any]
@@ -108,7 +110,8 @@ class Trace(NamedTuple):
 
 
 def write_trace(path: str | Path, trace: Trace) -> None:
-    """Write a recording as CSV that `read_trace` reads bit for bit. A lost packet has an empty latency."""
+    """Write a recording as a CSV file, from which `read_trace` returns exactly the same numbers. A lost packet has an
+    empty latency."""
     rows = zip(trace.sent_s, trace.latency_s, trace.lost, strict=True)
     lines = [HEADER, *(f"{float(sent)!r},{'' if lost else repr(float(latency))}" for sent, latency, lost in rows)]
     _parse_trace(str(path), lines)
@@ -118,7 +121,8 @@ def write_trace(path: str | Path, trace: Trace) -> None:
 def read_trace(path: str | Path) -> Trace:
     """Read a recording: CSV text with the header ``sent_s,latency_s`` and one line per packet, in the order sent.
 
-    An empty latency marks a lost packet. Any other value that is not a time raises InputError with file, line and fix.
+    An empty latency marks a lost packet. Any other text that is not a time in seconds raises InputError, which names
+    the file and the line.
     """
     try:
         text = read_user_text(path)
@@ -126,13 +130,13 @@ def read_trace(path: str | Path) -> Trace:
         fix = f"record one: trimtab link-test URI --out DIR; or write CSV text, first line {HEADER}"
         raise InputError(f"{path}", "file not found", fix=fix) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}", f"the file cannot be read as text ({error})", fix="give a CSV text file") from None
+        raise InputError(f"{path}", f"the file cannot be read as text ({error})", fix="use a CSV text file") from None
     return _parse_trace(str(path), text.splitlines())
 
 
 def _parse_trace(path: str, lines: list[str]) -> Trace:
     if not any(line.strip() for line in lines):
-        raise InputError(path, "the file is empty", fix=f"write the header {HEADER} and two packets or more")
+        raise InputError(path, "the file is empty", fix=f"write the header {HEADER} and at least two packets")
     if lines[0].replace(" ", "").removeprefix("\ufeff") != HEADER:
         raise InputError(f"{path}, line 1", f"the header is {lines[0]!r}", fix=f"write {HEADER}")
     rows = [(n, line) for n, line in enumerate(lines[1:], start=2) if line.strip()]
@@ -140,11 +144,13 @@ def _parse_trace(path: str, lines: list[str]) -> Trace:
     for n, line in rows:
         where, fields = f"{path}, line {n}", line.split(",")
         if len(fields) != 2:
-            raise InputError(where, f"fields in {line!r}: {len(fields)}, must be 2", fix="write e.g. 0.02,0.041")
+            raise InputError(
+                where, f"the line {line!r} has {len(fields)} fields, but must have 2", fix="write e.g. 0.02,0.041"
+            )
         sent, lost = _parse_number(where, "sent_s", fields[0]), not fields[1].strip()
         latency = 0.0 if lost else _parse_number(where, "latency_s", fields[1])
         if latency < 0:
-            fix = "give 0 or more, or nothing after the comma for a lost packet"
+            fix = "write a latency of at least 0, or nothing after the comma for a lost packet"
             raise InputError(where, f"the latency must be at least 0, got {latency} s", fix=fix)
         if packets and sent < packets[-1][0]:
             problem = f"sent at {sent} s, before the packet above it ({packets[-1][0]} s)"
@@ -152,7 +158,7 @@ def _parse_trace(path: str, lines: list[str]) -> Trace:
         packets.append((sent, latency, lost))
     if len(packets) < 2:
         raise InputError(
-            path, f"packets in the file: {len(packets)}, must be at least 2", fix="record two packets or more"
+            path, f"packets in the file: {len(packets)}, must be at least 2", fix="record at least two packets"
         )
     sent_s, latency_s, losses = zip(*packets, strict=True)
     return Trace(np.array(sent_s), np.array(latency_s), np.array(losses))

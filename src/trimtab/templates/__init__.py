@@ -1,1 +1,1 @@
-"""Templates of `trimtab new`: for each kind of part, a working part, its test and its docs page. All are tested."""
+"""Templates of `trimtab new`: for each kind of part (e.g. a sensor), a working example with a test and a docs page."""

@@ -14,10 +14,10 @@ from trimtab.vehicles.cart_pole import CartForce
 class MyActuator:  # its fields are settings: --set world.actuators.stages.force.0.friction=2
     """Motor with static friction, a lag and two stops. Source: this file.
 
-    It is one stage of an ActuatorBank, for one field of the vehicle's input, with the units and shape of this field.
+    The motor is a stage of an ActuatorBank, for one field of the vehicle's input. It has the field's unit and shape.
     """
 
-    # `off=` is the value with --without my-friction
+    # `off=` states the value that --without my-friction sets
     friction: Any = quantity(
         "1",
         "Static friction: a command of at most this size has no effect.",
@@ -30,11 +30,11 @@ class MyActuator:  # its fields are settings: --set world.actuators.stages.force
     high: Any = quantity("1", "Upper stop.", default=10.0)
 
     def init(self, rest: Any) -> Any:
-        """Return the initial state: the position at the neutral value."""
+        """Return the initial state: the position at the neutral command."""
         return jnp.asarray(rest, float)
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
-        """Return the position dt (s) later, with a constant command. It is exact, so it is stable for every dt."""
+        """Return the position dt (s) later at a constant command. The solution is exact and so stable for every dt."""
         wanted = value - jnp.clip(value, -self.friction, self.friction)
         stop = jnp.clip(wanted, self.low, self.high)
         now = stop + (state - stop) * jnp.exp(-dt / self.time_constant)

@@ -12,7 +12,7 @@ from trimtab.sensors.planar_pose import PlanarPoseState
 
 
 @record
-class MyEstimatorState:  # kept from one step to the next
+class MyEstimatorState:  # kept from one control period to the next
     """State of the estimator: the last estimate. Source: this file."""
 
     pose: PlanarPoseState = part("Velocity in B, rate of turn, heading and position.")
@@ -23,8 +23,8 @@ class MyEstimatorState:  # kept from one step to the next
 class MyEstimator:  # its fields are settings: --set autopilot.estimator.share=1
     """Low-pass filter of the measured velocities. Other measurements pass unchanged. Source: this file."""
 
-    sensor: str = option("Name of the sensor.", default="navigation")
-    share: Any = quantity("1", "Weight of a new measurement; 1 means no filter.", default=0.3, above=0, high=1)
+    sensor: str = option("Name of the sensor that the estimator reads.", default="navigation")
+    share: Any = quantity("1", "Weight of a new measurement, 1 for no filter.", default=0.3, above=0, high=1)
 
     @property
     def listens(self) -> tuple[str, ...]:
@@ -37,7 +37,7 @@ class MyEstimator:  # its fields are settings: --set autopilot.estimator.share=1
 
     def step(self, t: Any, state: Any, frame: Frame) -> tuple[MyEstimatorState, Estimate]:
         """Return the estimate at integer time t (100 ns). Use jnp.where or tree_where instead of `if` on a sample."""
-        sample = frame.samples[self.sensor]  # .fresh: read for the first time; .valid: False before the first sample
+        sample = frame.samples[self.sensor]  # .fresh: True if not yet read; .valid: False before the first sample
         z, x, share = sample.value, state.pose, jnp.where(state.begun, self.share, 1.0)
         filtered = replace(
             z,
@@ -51,7 +51,7 @@ class MyEstimator:  # its fields are settings: --set autopilot.estimator.share=1
 
 
 def scenario() -> Scenario:
-    """Return the scenario: a model ship follows way-points in a current. The base's estimator does not filter."""
+    """Return the scenario: a model ship follows way-points in a current. This estimator replaces the base's."""
     base = build("vessel/path")
     autopilot = replace(base.autopilot, estimator=MyEstimator())
     return replace(base, autopilot=autopilot, duration=seconds(20), name="my_estimator")

@@ -13,9 +13,9 @@ from trimtab.vehicles.surface_vessel import VesselControls
 
 @record
 class MyLawOutput:  # all fields are logged: law.demand.rudder, law.off_course
-    """Output of the law: its demand, and the heading error. Source: this file."""
+    """Output of the law: demanded rudder and shaft speed, and heading error. Source: this file."""
 
-    demand: VesselControls = part("Rudder (rad) and shafts (rad/s). For another vehicle, use that vehicle's input.")
+    demand: VesselControls = part("Rudder angle (rad) and shaft speed (rad/s). For another vehicle, use its input.")
     off_course: Scalar = quantity("rad", "Heading minus desired heading.", frame="WB", kind="angle")
 
 
@@ -24,20 +24,20 @@ class MyLaw:  # its fields are settings: --set autopilot.law.k_heading=2
     """Heading control by the rudder, at constant shaft speed. Source: this file."""
 
     heading: Scalar = quantity("rad", "Desired heading from north, clockwise.", frame="WB", kind="angle", default=1.0)
-    k_heading: Scalar = quantity("1", "Gain from heading to rudder.", default=1.0, low=0)
-    k_rate: Scalar = quantity("s", "Gain from rate of turn to rudder.", default=2.0, low=0)
+    k_heading: Scalar = quantity("1", "Gain from heading error to rudder angle.", default=1.0, low=0)
+    k_rate: Scalar = quantity("s", "Gain from rate of turn to rudder angle.", default=2.0, low=0)
     most: Scalar = quantity("rad", "Maximum rudder angle.", default=0.5, above=0)
-    shaft_speed: Scalar = quantity("rad/s", "Speed of the propellers.", default=100.0, low=0)
+    shaft_speed: Scalar = quantity("rad/s", "Speed of the propeller shafts.", default=100.0, low=0)
 
     reads: ClassVar[tuple[str, ...]] = ("yaw_rate", "heading")  # fields of the estimate: rad/s in B, rad
 
     def init(self, key: Any) -> tuple[()]:
-        """Return the initial state, here empty. A law with an integral has a record as state; step() returns it."""
+        """Return the initial state, here empty. For a law with an integral, use a record as the state."""
         return ()
 
     def step(self, t: Scalar, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], MyLawOutput]:
-        """Return the demand at integer time t (100 ns). estimate.dt is the time between two steps (s)."""
-        off = wrap(estimate.state.heading - self.heading)  # rad, wrapped: the shorter way
+        """Return state and output at integer time t (100 ns). estimate.dt is the control period (s)."""
+        off = wrap(estimate.state.heading - self.heading)  # rad, from -pi to pi
         rudder = self.k_heading * off + self.k_rate * estimate.state.yaw_rate  # pushes the stern to starboard
         demand = VesselControls(jnp.clip(rudder, -self.most, self.most), self.shaft_speed)
         return state, MyLawOutput(demand, off)

@@ -12,11 +12,11 @@ from trimtab.core.signals import Motion, PlanarState, Sample, new_sample
 class MySensor:  # its fields are settings: --set world.sensors.navigation.rate_noise=0
     """Sensor of velocity, rate of turn and heading, with noise and a gyro bias for each flight. Source: this file."""
 
-    # an `imperfection` is zero when it is switched off: --without sensor-noise
+    # --without sensor-noise sets an `imperfection` of this group to zero
     velocity_noise: Any = imperfection("m/s", "Standard deviation of the velocity noise.", "sensor-noise", default=0.02)
-    rate_noise: Any = imperfection("rad/s", "Standard deviation of the rate noise.", "sensor-noise", default=0.01)
+    rate_noise: Any = imperfection("rad/s", "Standard deviation of the yaw rate noise.", "sensor-noise", default=0.01)
     heading_noise: Any = imperfection("rad", "Standard deviation of the heading noise.", "sensor-noise", default=0.02)
-    rate_bias: Any = imperfection("rad/s", "Standard deviation of the bias of a flight.", "gyro-bias", default=0.02)
+    rate_bias: Any = imperfection("rad/s", "Standard deviation of the gyro bias.", "gyro-bias", default=0.02)
     period: int = period("Time between samples.", default=ms(10))
 
     def init(self, key: Key) -> Key:
@@ -29,7 +29,7 @@ class MySensor:  # its fields are settings: --set world.sensors.navigation.rate_
         return PlanarState(surge_velocity=u, sway_velocity=v, yaw_rate=r, heading=motion.attitude[2])
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """Return the sample at integer time t (100 ns). k: its number. normal2() returns two standard normals."""
+        """Return the sample at integer time t (100 ns). normal2() returns two standard normal random numbers."""
         x, k = self.measure(motion), t // self.period
         (n0, n1), (n2, n3), (bias, _) = normal2(state, k, 0), normal2(state, k, 1), normal2(state, 0, 2)
         measured = PlanarState(

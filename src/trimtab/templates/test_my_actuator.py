@@ -1,4 +1,4 @@
-"""Tests of the actuator, and of a flight: pytest test_my_actuator.py"""
+"""Tests of the actuator, alone and in a flight: pytest test_my_actuator.py"""
 
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ def hold(command: float, seconds: float, motor: Any = MOTOR, dt: float = 0.01) -
 
 
 def test_friction_blocks_small_commands():
-    """A command below the friction has no effect; a larger one is reduced by the friction."""
+    """A command below the friction has no effect. A larger command is reduced by the friction."""
     assert hold(MOTOR.friction, 1.0) == (0.0, False)
     assert abs(hold(2.0, 1.0)[0] - (2.0 - MOTOR.friction)) < 1e-9
     assert abs(hold(2.0, 1.0, replace(MOTOR, friction=0.0))[0] - 2.0) < 1e-9
@@ -41,7 +41,7 @@ def test_stops_limit_the_position():
 
 
 def test_swings_the_pole_up():
-    """A flight, compiled to C, ends within 0.1 rad of upright; with a motor that is too weak it does not."""
+    """A flight, compiled to C, ends within 0.1 rad of upright. With a motor that is too weak it does not."""
     assert abs(simulate(FLOWN)["law.lean"][-1]) < 0.1
     weak = replace(FLOWN.world.actuators, stages={"force": replace(MOTOR, low=-0.4, high=0.4)})
     log = simulate(replace(FLOWN, world=replace(FLOWN.world, actuators=weak)))

@@ -1,4 +1,4 @@
-"""Tests of the estimator, and of a flight: pytest test_my_estimator.py"""
+"""Tests of the estimator, alone and in a flight: pytest test_my_estimator.py"""
 
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ FILTER = FLOWN.autopilot.estimator
 
 
 def feed(yaw_rates: list[float], fresh: bool = True) -> list[Any]:
-    """Return the estimate after each measured rate of turn (rad/s); the samples are 50 ms apart."""
+    """Return the estimate after each measured rate of turn (rad/s). The samples are 50 ms apart."""
     state, estimates = FILTER.init(None), []
     for k, rate in enumerate(yaw_rates):
         sample = new_sample(k * 500_000, PlanarPoseState(0.5, 0.0, rate, 1.0, 2.0, 3.0), fresh=fresh or k == 0)
@@ -32,7 +32,7 @@ def test_first_measurement_sets_the_estimate():
 
 
 def test_step_response_is_of_first_order():
-    """The response is 1 - (1 - share)^k after k measurements; position and heading are as measured."""
+    """The step response after k measurements is 1 - (1 - share)^k. Position and heading are as measured."""
     last = feed([0.0] + [1.0] * 5)[-1].state
     np.testing.assert_allclose(float(last.yaw_rate), 1 - (1 - FILTER.share) ** 5, rtol=1e-12)
     assert (float(last.heading), float(last.north), float(last.east)) == (1.0, 2.0, 3.0)

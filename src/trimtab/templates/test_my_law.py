@@ -1,4 +1,4 @@
-"""Tests of the law, and of a flight: pytest test_my_law.py"""
+"""Tests of the law, alone and in a flight: pytest test_my_law.py"""
 
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ def step(heading: float, yaw_rate: float = 0.0) -> Any:
 
 
 def test_rudder_is_zero_on_course():
-    """The desired heading is an equilibrium."""
+    """At the desired heading, without a rate of turn, the rudder is at zero."""
     assert float(step(LAW.heading).demand.rudder) == 0.0
 
 

@@ -1,4 +1,4 @@
-"""Tests of the link, and of a flight: pytest test_my_link.py"""
+"""Tests of the link, alone and in a flight: pytest test_my_link.py"""
 
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ LINK = FLOWN.world.uplink
 
 
 def carry(link: Any, n: int) -> Any:
-    """Return the samples at the receiver, with fields (n,). The value of each packet is its number."""
+    """Return n samples at the receiver, with fields of shape (n,). The value of each packet is the packet's number."""
 
     def step(state: Any, k: Any) -> Any:
         return link.step(k * link.period, state, new_sample(k * link.period, 1.0 * k))
@@ -24,7 +24,7 @@ def carry(link: Any, n: int) -> Any:
 
 
 def test_packets_arrive_after_the_delay():
-    """Without loss, the output is the sample of `steps` periods ago. Before the first packet it is not valid."""
+    """Without loss, the output is the sample of `steps` periods ago. Before the first packet, it is not valid."""
     out = carry(replace(LINK, loss=0.0), 20)
     assert not out.valid[: LINK.steps].any()
     np.testing.assert_array_equal(out.value[LINK.steps :], np.arange(20 - LINK.steps))

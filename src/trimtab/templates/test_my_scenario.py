@@ -10,7 +10,7 @@ FLOWN = build(str(FILE))
 
 
 def test_uses_the_values_of_the_file():
-    """The scenario has the values of the file, in SI units."""
+    """The scenario contains the values of the file, in SI units."""
     written = tomllib.loads(FILE.read_text(encoding="utf-8"))
     assert FLOWN.name == written["name"]
     assert f"{FLOWN.world.vehicle.mass:g} kg" == written["world"]["vehicle"]["mass"]

@@ -1,4 +1,4 @@
-"""Tests of the sensor, and of a flight: pytest test_my_sensor.py"""
+"""Tests of the sensor, alone and in a flight: pytest test_my_sensor.py"""
 
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,13 @@ MOTION = replace(no_motion(), v_WB_B=np.array([1.0, 0.2, 0.0]), w_WB_B=np.array(
 
 
 def samples(run: Any, n: int = 4000) -> Any:
-    """Return n samples of one flight with a constant motion, with fields (n,)."""
+    """Return n samples of one flight with constant motion, with fields of shape (n,)."""
     times = np.arange(n) * SENSOR.period
     return jax.vmap(lambda t: SENSOR.step(t, SENSOR.init(replace(key(0), run=run)), MOTION)[1].value)(times)
 
 
 def test_noise_has_the_declared_size():
-    """The standard deviations agree within 6 %. Four standard errors of 4000 samples are 4.5 %."""
+    """The standard deviations of 4000 samples are within 6 % of the declared values. Four standard errors are 4.5 %."""
     z = samples(np.uint32(0))
     np.testing.assert_allclose(np.std(z.surge_velocity), SENSOR.velocity_noise, rtol=0.06)
     np.testing.assert_allclose(np.std(z.yaw_rate), SENSOR.rate_noise, rtol=0.06)
@@ -31,7 +31,7 @@ def test_noise_has_the_declared_size():
 
 
 def test_bias_differs_between_flights():
-    """The means of 64 flights of 300 samples each have the declared spread."""
+    """The means of 64 flights with 300 samples each have the declared standard deviation."""
     runs = np.arange(64, dtype=np.uint32)
     means = np.mean(jax.vmap(lambda run: samples(run, 300).yaw_rate)(runs), axis=1) - 0.3
     assert 0.7 * SENSOR.rate_bias < np.std(means) < 1.3 * SENSOR.rate_bias

@@ -1,4 +1,4 @@
-"""Tests of the vehicle with any parameters, and of a flight: pytest test_my_vehicle.py"""
+"""Tests of the vehicle with several parameter values, and in a flight: pytest test_my_vehicle.py"""
 
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,7 @@ def test_curve_balances_the_lean():
 
 
 def test_left_and_right_are_symmetric():
-    """A mirrored state has mirrored derivatives."""
+    """For a state mirrored to the other side, all derivatives change their sign."""
     one = rates(replace(UPRIGHT, lean=0.3, lean_rate=0.1), replace(REST, steer=0.2))
     other = rates(replace(UPRIGHT, lean=-0.3, lean_rate=-0.1), replace(REST, steer=-0.2))
     np.testing.assert_allclose(one, -other, rtol=1e-12)

@@ -24,7 +24,7 @@ def test_parses_frames_of_16_and_32_channels(magic, channels):
     ("packet", "why"),
     [
         (b"", "too short"),
-        (struct.pack("<HHI", 18458, 400, 7), "8 bytes; a frame of 16 channels must have 40"),
+        (struct.pack("<HHI", 18458, 400, 7), "8 bytes, but a frame of 16 channels must have 40"),
         (struct.pack("<HHI16H", 18459, 400, 7, *PULSES), "starts with 18459"),
         (struct.pack("<HHI16H", 29569, 400, 7, *PULSES), "a frame of 32 channels must have 72"),
         (struct.pack("<HHI16H", 18458, 400, 7, *PULSES) + b"\0", "41 bytes"),

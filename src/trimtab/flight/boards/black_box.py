@@ -1,4 +1,4 @@
-"""Black box of a board: the firmware's records of its last flights.
+"""Black box of a board: records of the last flights, written by the firmware.
 
 This module reads the records from a dump of the flash sectors, made by a debug probe. The layout in flash is described
 in `firmware/portable/journal.h`, the content of a record in `record` of `firmware/portable/vehicle.c`.
@@ -17,13 +17,14 @@ SECTOR = 0x20000
 HEADER, RECORD, ERASED = 16, 32, 0x45524153
 PULSE_COUNTS_PER_SECOND = 2e6
 FAN_DRIVE = ("rudder", "thrust fan", "lift fan")
-"""Outputs of a board with a fan drive. The records of such a board also contain the fan's speed."""
+"""Names of the outputs of a board with a fan drive. The records of such a board also contain the fan's speed."""
 MOST_PULSES = 4
 """Maximum number of pulse widths in a record."""
 
 
 class FlightRecord(NamedTuple):
-    """Record of the black box. The firmware writes ten a second while armed, and one at each change of mode."""
+    """Record of the black box. The firmware writes ten records a second while armed, and one record at each change of
+    mode."""
 
     t: float
     """Time since the start of the board (s)."""
@@ -33,14 +34,15 @@ class FlightRecord(NamedTuple):
     commanded: bool
     """True while the firmware obeys a command."""
     pulses: Mapping[str, float]
-    """Name of each output -> its pulse width (s). The outputs are those of the vehicle's command, or of a fan drive."""
+    """Pulse width (s) of each output, by the output's name. The outputs are the elements of the vehicle's command, or
+    those of a fan drive."""
     rpm_command: int | None
     """Set-point of the fan's speed (rpm). This field and `speed_rpm` are None for a board without a fan drive."""
     speed_rpm: int | None
     command_age: float
     """Age of the newest command (s). 65.535 means at least 65.535 s."""
     late: int
-    """Number of firmware ticks that started late, since the board was started."""
+    """Number of firmware periods that started late, since the start of the board."""
 
 
 def read_black_box(
@@ -61,15 +63,21 @@ def read_black_box(
         InputError: the dump has a wrong size, no sector is in use, or there are more outputs than a record can contain.
     """
     if not 1 <= len(outputs) <= MOST_PULSES:
-        problem = f"must be 1 to {MOST_PULSES} outputs, got {len(outputs)}: {', '.join(outputs)}"
-        raise InputError("outputs", problem, fix="give output_names(scenario), with the scenario of the firmware")
+        problem = f"a board must have 1 to {MOST_PULSES} outputs, got {len(outputs)}: {', '.join(outputs)}"
+        raise InputError(
+            "outputs", problem, fix="set outputs=output_names(scenario), with the scenario of the firmware"
+        )
     if len(dump) != 2 * sector:
-        problem = f"must be two sectors of {sector} bytes, got {len(dump)} bytes"
-        raise InputError("black box", problem, fix="dump 0x40000 bytes from 0x080C0000 on")
+        problem = f"the dump must contain two sectors of {sector} bytes each, got {len(dump)} bytes"
+        raise InputError("black box", problem, fix="dump 0x40000 bytes of flash, starting at address 0x080C0000")
     sectors = [dump[:sector], dump[sector:]]
     used = sorted((number, data) for data in sectors if (number := _sector_number(data)) is not None)
     if not used:
-        raise InputError("black box", "neither sector was ever used", fix="dump 0x40000 bytes from 0x080C0000 on")
+        raise InputError(
+            "black box",
+            "neither sector was ever used",
+            fix="dump 0x40000 bytes of flash, starting at address 0x080C0000",
+        )
     flights: list[list[FlightRecord]] = []
     for number, data in used:
         for at in range(HEADER, sector - RECORD + 1, RECORD):
@@ -84,7 +92,7 @@ def read_black_box(
 
 
 def _crc(crc: int, *words: int) -> int:
-    """Continue a CRC-32 as the firmware does: without the final inversion."""
+    """Return a CRC-32, continued over more bytes without the final inversion, as the firmware computes it."""
     return zlib.crc32(struct.pack(f"<{len(words)}I", *words), crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 

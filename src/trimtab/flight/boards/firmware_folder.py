@@ -1,8 +1,9 @@
-"""firmware: write the vehicle's end of the distributed autopilot as C for a microcontroller, with an emulated world.
+"""Writer of firmware: the vehicle's end of a link as C for a microcontroller, with a simulated vehicle in place of the
+hardware.
 
-The portable C is in the folder `firmware` of this package. It has two drives: a drive with a regulated fan, and a drive
-that converts the command to pulses by tables. The files written here depend on the scenario: the exported world and
-failsafe, the tables or the fan's regulator and motor, the messages of the dialect, and the key.
+The portable C is in the folder `firmware` of this package. It has two output drivers (drives): one controls the speed
+of a fan, the other converts the command to servo pulses by tables. The files written here depend on the scenario: the
+exported world and failsafe, the tables or the fan's regulator and motor, the MAVLink messages, and the signing key.
 """
 
 import json
@@ -63,13 +64,15 @@ from trimtab.vehicles.vehicle_type import mav_type
 
 PACKAGED_FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 CHECKOUT_FIRMWARE = Path(__file__).resolve().parents[4] / "firmware"
-"""Folder of the portable C: inside an installed package, or beside `src` in a checkout."""
+"""Folder of the portable C in a checkout of the repository, beside `src`. An installed package uses
+PACKAGED_FIRMWARE."""
 START_UP_FILES = {"start.c": "boards/mps2/start.c", "link.ld": "boards/mps2/link.ld", "board.h": "boards/mps2/board.h"}
 REALS = {"single": "f32", "double": "f64"}
 FIRMWARE_BOARDS = {name: REALS[target.real] for name, target in TARGETS.items()} | {"stm32f405": REALS["single"]}
 """Floating-point type of the FPU of each board on which the firmware runs, by the board's name."""
 MOST_OUTPUTS_OF = {"stm32f405": 4}
-"""Maximum number of outputs, by board, of boards with fewer outputs than MAVLink's message of servo outputs."""
+"""Maximum number of outputs of each board that has fewer outputs than MAVLink's message SERVO_OUTPUT_RAW, by the
+board's name."""
 FAN_OUTPUTS = [
     "output 1: rudder servo, the command's pulse, safe 1.500 ms",
     "output 2: thrust fan's speed controller, duty -1 to 1 by 1.000 to 2.000 ms, safe 1.500 ms",
@@ -79,7 +82,8 @@ KEY_MAGIC = b"trimtab1"
 
 
 class FirmwareFolder(NamedTuple):
-    """Written firmware: the folder, all files, the dialect of the firmware, a line of text for each output."""
+    """Result of writing firmware: the folder, all files, the MAVLink dialect, and a line of text that describes each
+    output."""
 
     folder: Path
     files: list[Path]
@@ -101,13 +105,15 @@ def write_firmware(
     Args:
         scenario: scenario, checked before any file is written. Real links replace the scenario's links.
         folder: folder to write; created if missing.
-        key: key with which both ends sign. It is written only to the file key.bin, which only its owner can read.
+        key: key with which vehicle and autopilot sign their packets. It is written only to the file key.bin, which only
+            the file's owner can read.
         board: a key of `FIRMWARE_BOARDS`.
         seed: seed of the random numbers in the emulated world.
-        clock: clock whose current time is written next to the key.
+        clock: clock whose current time is written into the board's key data.
 
     Raises:
-        InputError: unknown board, command without limits, firmware too large for the board, or folder not writable.
+        InputError: unknown board, command without limits, firmware too large for the board, or a folder that is not
+            writable.
     """
     real = _find_real(board)
     asked, scenario = scenario, replace_hardware(scenario)
@@ -135,7 +141,7 @@ def write_firmware(
         files.append(_write_key(folder / "key.bin", key, clock.unix()))
         write_c_headers(dialect, folder / "mavlink")
     except OSError as error:
-        problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
+        problem = f"cannot write in the folder {str(folder)!r}: {(error.strerror or str(error)).lower()}"
         raise InputError(
             argument_name("out"),
             problem,
@@ -159,7 +165,8 @@ extern const char *const identity_line[];
 
 
 def identity_source(identity: Mapping[str, str], mav_type: int) -> str:
-    """Return C source with the identity of a scenario (text by path), for the vehicle's end."""
+    """Return C source with the identity of a scenario (the text of each setting, by path), for the vehicle's
+    firmware."""
     digest = ", ".join(map(str, identity_digest(identity)))
     lines = [cut_line(path, text).decode("ascii", "replace") for path, text in sorted(identity.items())]
     quoted = [json.dumps(line.replace("?", "_")) for line in lines]  # avoids trigraphs
@@ -179,9 +186,10 @@ def identity_source(identity: Mapping[str, str], mav_type: int) -> str:
 
 
 def replace_hardware(scenario: Scenario) -> Scenario:
-    """Return the scenario with a world for emulated hardware.
+    """Return the scenario with a world that replaces the hardware around the firmware.
 
-    Ideal links (`Wire`) replace the scenario's links, and the firmware makes the servo frames.
+    Links without delay (`Wire`) replace the scenario's links. The actuators have no servo frame, because the firmware
+    sends the pulses in frames.
     """
     scenario.check()
     scenario, actuators = replace_links(scenario), scenario.world.actuators
@@ -193,7 +201,8 @@ def replace_hardware(scenario: Scenario) -> Scenario:
 
 
 def firmware_outputs(scenario: Scenario, board: str = "cortex-m7") -> list[str]:
-    """Return a line of text for each output of a scenario's firmware. Raise the same errors as `write_firmware`."""
+    """Return a line of text that describes each output of a scenario's firmware. Raise the same errors as
+    `write_firmware`."""
     load_generator()
     refuse_stepped_vehicle(scenario)
     refuse_swarm(scenario, "firmware")
@@ -202,7 +211,8 @@ def firmware_outputs(scenario: Scenario, board: str = "cortex-m7") -> list[str]:
 
 
 def output_names(scenario: Scenario, board: str = "stm32f405") -> tuple[str, ...]:
-    """Return the name of each output of a scenario's board: a number of the command, e.g. elevator, moment[0]."""
+    """Return the name of each output of a scenario's board. An output is an element of the command, e.g. elevator or
+    moment[0], or belongs to a fan drive."""
     if isinstance(scenario.world.actuators, FanDrive):
         return FAN_DRIVE
     command = carried_structures(replace_hardware(scenario))[1]
@@ -210,7 +220,7 @@ def output_names(scenario: Scenario, board: str = "stm32f405") -> tuple[str, ...
 
 
 def _find_real(board: str) -> str:
-    """Return the floating-point type of a board's FPU."""
+    """Return the floating-point type (f32 or f64) of a board's FPU."""
     if board not in FIRMWARE_BOARDS:
         raise InputError(
             "firmware", f"unknown board {board!r}", choices=FIRMWARE_BOARDS, fix=argument("board", "cortex-m7")
@@ -219,7 +229,8 @@ def _find_real(board: str) -> str:
 
 
 def drive_texts(scenario: Scenario, command: Command, board: str) -> tuple[str, dict[str, str], list[str]]:
-    """Return the name of a scenario's drive, its files by path, and a line of text for each output."""
+    """Return the name of the output driver that a scenario needs (fan or pulses), the driver's files by path, and a
+    line of text for each output."""
     if isinstance(scenario.world.actuators, FanDrive):
         return "fan", {}, FAN_OUTPUTS
     outputs = find_outputs(scenario, command, MOST_OUTPUTS_OF.get(board, MOST_OUTPUTS))
@@ -232,12 +243,14 @@ def drive_texts(scenario: Scenario, command: Command, board: str) -> tuple[str, 
 
 
 def driven_fan(scenario: Scenario) -> RegulatedFan:
-    """Return the scenario's regulator, motor and battery; default: those of the firmware, with a constant voltage."""
+    """Return the scenario's regulated fan (regulator, motor and battery), or the firmware's default fan with a constant
+    battery voltage."""
     return getattr(scenario.world.actuators, "fan", None) or without(RegulatedFan(), "battery-sag")
 
 
 def motor_block(fan: RegulatedFan) -> BlockDefinition:
-    """Define the block of motor, encoder and battery, with duty as input, and speed and count as outputs."""
+    """Define the block of motor, encoder and battery. The input is the duty cycle, and the outputs are speed and
+    encoder count."""
 
     def turn(p: Any, s: Any, now: StepInput) -> Any:
         state, speed_rpm, _ = p.turn(now.t, s, now.input)
@@ -249,7 +262,8 @@ def motor_block(fan: RegulatedFan) -> BlockDefinition:
 
 
 def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[BlockText]:
-    """Return the blocks of the firmware as C, for a fan drive with regulator and motor."""
+    """Return the compiled blocks of the firmware as C: the failsafe, and for a fan drive the regulator and the
+    motor."""
     failsafe = failsafe_block(choose_failsafe(scenario, command), command)
     if not isinstance(scenario.world.actuators, FanDrive):
         return [block_text(failsafe, real)]
@@ -262,7 +276,7 @@ def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[Blo
 
 
 def refuse_workspaces(blocks: list[BlockText]) -> None:
-    """Raise InputError for blocks that need memory besides the stack: the firmware provides the stack only."""
+    """Raise InputError if a block needs memory besides the stack, because the firmware provides only the stack."""
     for block in blocks:
         if block.workspace:
             problem = (
@@ -271,7 +285,7 @@ def refuse_workspaces(blocks: list[BlockText]) -> None:
             raise InputError(
                 "firmware",
                 problem,
-                fix="use smaller arrays, or trimtab export: the caller of its code provides the memory",
+                fix="use smaller arrays, or type `trimtab export`: the caller of the exported code provides the memory",
             )
 
 
@@ -297,9 +311,9 @@ static const int64_t PERIODS[] = {{{periods}}};
 
 
 def _copy_sources(folder: Path, board: str, drive: str) -> list[Path]:
-    """Copy the portable C, the drive and the start-up code, with the board as the Makefile's default."""
+    """Copy the portable C, the output driver and the start-up code. The board becomes the Makefile's default."""
     source = PACKAGED_FIRMWARE if PACKAGED_FIRMWARE.is_dir() else CHECKOUT_FIRMWARE
-    for name in ("drive", "emulated", "exported", "build"):  # these folders may be from another scenario
+    for name in ("drive", "emulated", "exported", "build"):  # may contain files of another scenario
         shutil.rmtree(folder / name, ignore_errors=True)
     shutil.copytree(source, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("drives"))
     shutil.copytree(source / "drives" / drive, folder / "drive")
@@ -322,7 +336,8 @@ def _write_texts(folder: Path, texts: dict[str, str]) -> list[Path]:
 
 
 def key_image(key: SigningKey, since: float) -> bytes:
-    """Return the bytes from which a board reads its key (firmware/portable/key.h). `since` is in Unix time."""
+    """Return the bytes from which a board reads its key (layout: firmware/portable/key.h). since: Unix time (s) before
+    which the board accepts no signed packet."""
     stamp = int((since - EPOCH) * PER_SECOND)
     body = KEY_MAGIC + key.secret + stamp.to_bytes(8, "little")
     return body + zlib.crc32(body).to_bytes(4, "little")

@@ -1,9 +1,10 @@
-"""Exported autopilot on an emulated microcontroller: comparison of its results, and measurement of its cost.
+"""Exported autopilot on an emulated microcontroller: check of the computed outputs, and measurement of instructions and
+memory.
 
 ``emulate`` cross-compiles the C of an exported folder with Debian's arm-none-eabi gcc, and runs the autopilot with the
 inputs of ``vectors.csv`` on a board that QEMU emulates. It reads back the outputs bit for bit, the number of
 instructions of every step, and the use of flash, RAM and stack. The firmware around the autopilot is in ``firmware/``.
-docs/export/boards.md explains each number.
+The page docs/export/boards.md explains the results.
 """
 
 import contextlib
@@ -34,7 +35,7 @@ WARNINGS = ("-Wall", "-Wextra", "-Werror")
 
 
 class BoardTarget(NamedTuple):
-    """Processor, and the board on which QEMU emulates it."""
+    """Processor for an exported autopilot, and the board on which QEMU emulates the processor."""
 
     machine: str
     """QEMU's name of the board."""
@@ -43,11 +44,11 @@ class BoardTarget(NamedTuple):
     real: str
     """Precision of the processor's FPU and of the exported code: single or double."""
     flash: tuple[int, int] = (0x0000_0000, 0x40_0000)
-    """First address and size (bytes) of the memory for code."""
+    """First address and size (bytes) of the board's memory for code."""
     ram: tuple[int, int] = (0x2000_0000, 0x40_0000)
-    """First address and size (bytes) of the memory for data."""
+    """First address and size (bytes) of the board's memory for data."""
     timer: int = 0x4000_0004
-    """Address of the value of a 32-bit timer that counts down."""
+    """Address of the register with the count of a 32-bit timer that counts down."""
     clock: int = 25_000_000
     """Frequency of the timer (Hz)."""
 
@@ -59,13 +60,13 @@ TARGETS = {
 
 
 class EmulationResult(NamedTuple):
-    """Results read back from the board."""
+    """Results of an exported autopilot on an emulated board: outputs, instructions, and use of memory."""
 
     target: str
     outputs: NDArray[np.float64]
-    """Outputs computed by the board, steps x VECTORS_OUT."""
+    """Outputs computed by the board: an array of shape (steps, number of outputs)."""
     expected_outputs: NDArray[np.float64]
-    """Expected outputs, from vectors.csv."""
+    """Outputs expected by vectors.csv, with the shape of the computed outputs."""
     names: tuple[str, ...]
     """Names of the outputs, from the header of vectors.csv."""
     instructions: NDArray[np.int64]
@@ -75,7 +76,8 @@ class EmulationResult(NamedTuple):
     library_bytes: int
     """Size (bytes) of the code and constants that autopilot.c needs from the C, mathematics and compiler libraries."""
     ram_bytes: int
-    """Size (bytes) of the four structures, the workspace, and the libraries' static data.
+    """Size (bytes) of the autopilot's data: parameters, state, inputs, outputs, workspace, and static data of the
+    libraries.
 
     autopilot.c has no static data.
     """
@@ -91,7 +93,8 @@ class EmulationResult(NamedTuple):
 
 
 class BoardVectors(NamedTuple):
-    """First steps of vectors.csv: inputs, expected outputs and the outputs' names."""
+    """Test vectors for the board, from the first steps of vectors.csv: inputs, expected outputs and names of the
+    outputs."""
 
     inputs: NDArray[np.float64]
     outputs: NDArray[np.float64]
@@ -99,7 +102,7 @@ class BoardVectors(NamedTuple):
 
 
 class HarnessOutput(NamedTuple):
-    """Numbers that the firmware printed, see harness.c."""
+    """Results that the firmware printed (see harness.c), as numbers."""
 
     sizes: list[int]
     empty: int
@@ -124,20 +127,23 @@ def missing_tools() -> list[str]:
 
 
 def require_tools(target: str) -> None:
-    """Raise InputError with the command that installs the packages, if a package is missing."""
+    """Raise InputError, with the command that installs the missing packages, if a Debian package is missing."""
     if missing := missing_tools():
         fix = "apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
-        raise InputError(f"target {target!r}", f"needs Debian's {', '.join(missing)}, not found here", fix=fix)
+        raise InputError(
+            f"target {target!r}", f"needs the Debian packages {', '.join(missing)}, which are not installed", fix=fix
+        )
 
 
 def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.0) -> EmulationResult:
-    """Build the autopilot of an exported folder for a target, run its vectors under QEMU, and read the results.
+    """Build the autopilot of an exported folder for a target board, run the autopilot on its test vectors under QEMU,
+    and return the results.
 
     Args:
         folder: folder written by ``trimtab export``: autopilot.h, .c, vectors.h, .c, .csv, export.json.
         target: a key of TARGETS.
         steps: maximum number of steps of vectors.csv.
-        limit_s: time (s) after which the emulator is stopped.
+        limit_s: longest time (s) that the emulator may run.
     """
     if target not in TARGETS:
         raise InputError(f"target {target!r}", "cannot be emulated", choices=TARGETS)
@@ -164,7 +170,8 @@ def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.
 
 
 def read_vectors(folder: Path, steps: int = STEPS) -> BoardVectors:
-    """Return the first steps of a folder's vectors.csv. vectors.h defines the columns of inputs and outputs."""
+    """Return the first steps of vectors.csv in a folder. The file vectors.h defines the columns of inputs and
+    outputs."""
     try:
         header = (folder / "vectors.h").read_text()
         with open(folder / "vectors.csv") as file:
@@ -172,7 +179,7 @@ def read_vectors(folder: Path, steps: int = STEPS) -> BoardVectors:
             rows = [[float(cell) for cell in line.split(",")] for line in itertools.islice(file, steps)]
     except (OSError, ValueError) as error:
         fix = "write the folder again with `trimtab export`"
-        raise InputError(str(folder), f"vectors cannot be read: {error}", fix=fix) from error
+        raise InputError(str(folder), f"the test vectors cannot be read: {error}", fix=fix) from error
     counts = dict(re.findall(r"\b(VECTORS_IN|VECTORS_OUT)\s*=\s*(\d+)", header))
     n_in, n_out = int(counts.get("VECTORS_IN", -1)), int(counts.get("VECTORS_OUT", -1))
     widths = sorted({len(names), *map(len, rows)})
@@ -180,14 +187,15 @@ def read_vectors(folder: Path, steps: int = STEPS) -> BoardVectors:
         problem = (
             f"vectors.csv has {len(rows)} steps, and header and rows of {' and '.join(map(str, widths))} columns; "
         )
-        problem += f"vectors.h says {n_in} inputs and {n_out} outputs"
+        problem += f"vectors.h defines {n_in} inputs and {n_out} outputs"
         raise InputError(str(folder), problem, fix="write the folder again with `trimtab export`")
     table = np.array(rows)
     return BoardVectors(table[:, :n_in], table[:, n_in:], tuple(names[n_in:]))
 
 
 def _build_image(folder: Path, board: BoardTarget, vectors: BoardVectors, build: Path) -> tuple[int, int, int, int]:
-    """Build image.elf. Return the flash of autopilot.c, of its libraries, their static data, and the image's flash."""
+    """Build image.elf. Return four sizes (bytes): code of autopilot.c, code of the libraries, static data of the
+    libraries, and flash of the complete image."""
     (build / "inputs.bin").write_bytes(np.ascontiguousarray(vectors.inputs, dtype="<f8").tobytes())
     steps, n_in = vectors.inputs.shape
     places = {"FLASH_ORIGIN": board.flash[0], "FLASH_SIZE": board.flash[1], "RAM_ORIGIN": board.ram[0]}
@@ -203,8 +211,8 @@ def _build_image(folder: Path, board: BoardTarget, vectors: BoardVectors, build:
     _run_gcc([*code, *sources], board, build, folder)
     (flash, data, bss), *_ = _read_sizes(["autopilot.o"], build)
     if data or bss:
-        problem = f"has {data} bytes of static data and {bss} of static zeros: two autopilots would share them"
-        raise InputError(str(folder / "autopilot.c"), problem, fix="keep everything in autopilot_state")
+        problem = f"has {data} bytes of static data and {bss} bytes of static zeros, which two autopilots would share"
+        raise InputError(str(folder / "autopilot.c"), problem, fix="keep all data in the structure autopilot_state")
     link = ["-nostartfiles", "-specs=nano.specs", "-Wl,--gc-sections"]
     script = [*(f"-Wl,--defsym={name}={value:#x}" for name, value in places.items()), f"-T{FIRMWARE / 'link.ld'}"]
     objects = ["autopilot.o", "vectors.o", "start.o", "harness.o", "calls.o", "-lm"]
@@ -218,7 +226,8 @@ def _build_image(folder: Path, board: BoardTarget, vectors: BoardVectors, build:
 
 
 def _workspace_bytes(folder: Path) -> int:
-    """Return the size (bytes) of the workspace of init and step; 0 for a folder written by hand."""
+    """Return the size (bytes) of the workspace that autopilot_init and autopilot_step need, or 0 if export.json does
+    not state one."""
     try:
         return int(json.loads((folder / "export.json").read_text(encoding="utf-8")).get("workspace_bytes", 0))
     except FileNotFoundError:
@@ -230,11 +239,11 @@ def _run_gcc(arguments: list[str | Path], board: BoardTarget, build: Path, folde
     done = subprocess.run(command, cwd=build, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     if done.returncode:
         first = "\n".join(done.stderr.strip().splitlines()[:8])
-        raise InputError(str(folder), f"does not build for the board:\n{first}")
+        raise InputError(str(folder), f"the autopilot cannot be compiled for the board:\n{first}")
 
 
 def _read_sizes(files: list[str], build: Path) -> list[tuple[int, int, int]]:
-    """Return the sizes (bytes) of each file: code and constants, static data, static zeros."""
+    """Return three sizes (bytes) for each object file: code and constants, static data, static zeros."""
     done = subprocess.run([PREFIX + "size", *files], cwd=build, capture_output=True, text=True, check=True)
     return [(int(a), int(b), int(c)) for a, b, c, *_ in (line.split() for line in done.stdout.splitlines()[1:])]
 
@@ -257,7 +266,7 @@ def _run_emulator(board: BoardTarget, build: Path, limit_s: float) -> str:
                     resource.prlimit(emulator.pid, resource.RLIMIT_CPU, (seconds, seconds))
             _, errors = emulator.communicate(timeout=limit_s)
         except subprocess.TimeoutExpired:
-            errors = f"the emulator was ended after {limit_s:g} s"
+            errors = f"the emulator was stopped after {limit_s:g} s, before the end of the test"
         finally:
             emulator.kill()
     said = build / "said.txt"
@@ -265,12 +274,13 @@ def _run_emulator(board: BoardTarget, build: Path, limit_s: float) -> str:
 
 
 def _parse_output(said: str, folder: Path) -> HarnessOutput:
-    """Return the numbers of the firmware's output. Raise InputError, with its last lines, if the end is missing."""
+    """Return the results that the firmware printed. Raise InputError, with the last lines of the output, if the output
+    is incomplete."""
     lines = said.split("\n")
     if "done" not in lines:
         last = " / ".join([line for line in lines if line.strip()][-2:])
         problem = f"the board did not reach the end of the flight; its last output: {last or 'none'}"
-        raise InputError(str(folder), problem, fix="fly the same folder on the computer: `trimtab export --verify`")
+        raise InputError(str(folder), problem, fix="replay the same folder on this computer: `trimtab export --verify`")
     words: dict[str, list[list[int]]] = {}
     for word, *numbers in (line.split() for line in lines[: lines.index("done")]):
         words.setdefault(word, []).append([int(number, 16) for number in numbers])
@@ -282,7 +292,7 @@ def _parse_output(said: str, folder: Path) -> HarnessOutput:
 def _instruction_counts(said: HarnessOutput, board: BoardTarget) -> NDArray[np.int64]:
     """Convert the timer ticks of each step to instructions.
 
-    The ticks of an empty measurement, less its own instruction, are subtracted.
+    The ticks of an empty measurement are subtracted, except those of the one instruction that it contains.
     """
     ticks_per_instruction = board.clock * 2**NS_PER_INSTRUCTION_LOG2 / 1e9
 
@@ -291,6 +301,9 @@ def _instruction_counts(said: HarnessOutput, board: BoardTarget) -> NDArray[np.i
 
     known, found = [2 * n + 1 for n, _ in said.loops], count([ticks for _, ticks in said.loops]).tolist()
     if found != known:
-        problem = f"counts {found} instructions for loops of {known}: the board's timer does not run as expected"
+        problem = (
+            f"the board's timer does not run as expected: it counts {found} instructions for test loops of {known} "
+            "instructions"
+        )
         raise InputError(EMULATOR, problem, fix="use QEMU 7.2 or newer")
     return count([ticks for ticks, _ in said.steps])

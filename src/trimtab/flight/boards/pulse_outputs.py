@@ -1,4 +1,5 @@
-"""C code for the outputs of a board: tables that convert the numbers of a command to pulses, and safe pulses."""
+"""Generator of C code for the outputs of a board: tables that convert the elements of a command to pulse widths, and
+the safe pulses."""
 
 from typing import Any
 
@@ -21,10 +22,11 @@ SHORTEST_FRAME, LONGEST_FRAME = ms(3), ms(20)
 
 
 def frame_of(scenario: Scenario) -> int:
-    """Return the time between pulses (100 ns): the longest frame of the servos, in whole milliseconds from 3 to 20.
+    """Return the time between two pulses of a servo (100 ns): the longest servo frame of the scenario, rounded up to
+    whole milliseconds and limited to 3 to 20 ms.
 
-    The board sends the pulses of all servos in one frame, and an analogue servo overheats in a shorter frame than its
-    own. If no servo declares a frame, the result is the period of the actuators.
+    The board sends the pulses of all servos with one period, and an analogue servo overheats if this period is shorter
+    than the servo's own frame. If no servo declares a frame, the period of the actuators is used.
     """
     actuators = scenario.world.actuators
     rows = actuators.stages.values() if isinstance(actuators, ActuatorBank) else ()
@@ -34,7 +36,7 @@ def frame_of(scenario: Scenario) -> int:
 
 
 def outputs_header(outputs: list[PulseOutput], frame: int) -> str:
-    """Return the C header of the outputs, for the portable code and the code of the board."""
+    """Return the C header that declares the board's outputs."""
     safe = ", ".join(str(round(o.safe * COUNTS_PER_SECOND)) for o in outputs)
     names = "".join(f"\n   {line}" for line in describe_outputs(outputs))
     return f"""{LICENCE_NOTE}
@@ -53,7 +55,8 @@ static const uint16_t SAFE_PULSES[CHANNELS] = {{{safe}}};
 
 
 def outputs_source(outputs: list[PulseOutput]) -> str:
-    """Return C code with the tables of pulses, and with functions that read and set the failsafe's command."""
+    """Return C code with the pulse tables, and with functions that read the failsafe's output command and set its safe
+    command."""
     lines = [LICENCE_NOTE, '#include "output_table.h"\n']
     for k, o in enumerate(outputs):
         values, counts = np.asarray(o.pulse.values), np.asarray(o.pulse.widths) * COUNTS_PER_SECOND
@@ -73,7 +76,7 @@ def outputs_source(outputs: list[PulseOutput]) -> str:
 
 
 def world_source(outputs: list[PulseOutput]) -> str:
-    """Return C code that converts pulses to the inputs of the exported world."""
+    """Return C code that converts pulse widths back to the command of the simulated vehicle."""
     lines = [LICENCE_NOTE, '#include "output_table.h"\n']
     lines += ["void output_tell(world_in *world, int channel, double value) {"]
     for k, o in enumerate(outputs):
@@ -96,21 +99,24 @@ void command_take(failsafe_in *in, const mavlink_command_t *c);
 
 
 def command_source(dialect: Dialect) -> str:
-    """Return C code that copies the numbers of a command's message into the inputs of the failsafe.
+    """Return C code that copies the values of a received command message into the inputs of the failsafe.
 
     Raises:
-        InputError: the command needs several messages.
+        InputError: the command does not fit into one message.
     """
     name, *more = dialect.groups["command"]
     if more:
-        problem = f"a command needs {len(more) + 1} messages; the firmware accepts one only"
+        problem = (
+            f"a command of this scenario needs {len(more) + 1} messages, but the firmware accepts only commands of "
+            "one message"
+        )
         raise InputError("firmware", problem, fix="use an allocation whose command has 28 numbers at most")
     lines = [LICENCE_NOTE, '#include "command.h"\n', "void command_take(failsafe_in *in, const mavlink_command_t *c) {"]
     places = dialect.places[name]
     for f in dialect.definitions[name].fields:
         for k, place in enumerate(
             places[f.at : f.at + f.slots]
-        ):  # without the session, which is not part of the command
+        ):  # leave out the session number, which is not part of the command
             if not place.path.startswith("command.value"):
                 continue
             target = ".".join(map(identifier, place.path.split(".")[1:])) + (f"[{place.slot}]" if f.length else "")

@@ -1,4 +1,5 @@
-"""C code that sends a vehicle's samples as messages, and computes speed and rate of turn from the samples."""
+"""Generator of C code that sends a vehicle's sensor samples as messages, and computes speed and rate of turn from the
+samples."""
 
 from collections.abc import Mapping
 from itertools import chain
@@ -13,7 +14,7 @@ from trimtab.loop.vehicle_limits import VehicleLimits
 
 
 def samples_header(sensors: Mapping[str, int]) -> str:
-    """Return the C header for sending samples. It has the period of each sensor, so that a board knows its rates."""
+    """Return the C header for sending samples. The header also defines the period of each sensor."""
     periods = "\n".join(f"#define SAMPLES_{identifier(name).upper()} {period}" for name, period in sensors.items())
     return f"""{LICENCE_NOTE}
 #ifndef SAMPLES_H
@@ -38,7 +39,7 @@ void samples_merge(world_out *kept, const world_out *now);
 
 
 def samples_source(frame: Frame, dialect: Dialect) -> str:
-    """Return C code that sends each new sample of the world as messages of the dialect."""
+    """Return C code that sends each new sensor sample as MAVLink messages."""
     lines = [
         LICENCE_NOTE,
         '#include "samples.h"\n',
@@ -58,7 +59,7 @@ def samples_source(frame: Frame, dialect: Dialect) -> str:
 
 
 def rest_header(limits: VehicleLimits) -> str:
-    """Return the C header with the limits that define a vehicle at rest."""
+    """Return the C header with the limits of speed, turn rate and time by which a vehicle counts as at rest."""
     return f"""{LICENCE_NOTE}
 #ifndef REST_H
 #define REST_H
@@ -70,7 +71,7 @@ def rest_header(limits: VehicleLimits) -> str:
 
 
 def _motion_lines(dialect: Dialect) -> list[str]:
-    """Return C code that computes speed and rate of turn from the same sensors as `trimtab vehicle`."""
+    """Return C code that computes speed and rate of turn, from the same sensors as the command `trimtab vehicle`."""
     lines = ["motion samples_motion(const world_out *out)", "{", "    motion m = {NAN, NAN};"]
     for name in ("speed", "rate"):
         sensor, slots = _find_measured(name, dialect)
@@ -81,7 +82,8 @@ def _motion_lines(dialect: Dialect) -> list[str]:
 
 
 def _find_measured(name: str, dialect: Dialect) -> tuple[str, list[str]]:
-    """Return the sensor that measures a speed or rate, and C expressions for the vector of this length."""
+    """Return the sensor that measures the speed or the turn rate, and C expressions for the components of the measured
+    vector."""
     slots: dict[str, list[int]] = {}
     for place in chain.from_iterable(dialect.places.values()):
         slots.setdefault(place.path, []).append(place.slot)
@@ -100,7 +102,8 @@ def _find_measured(name: str, dialect: Dialect) -> tuple[str, list[str]]:
 
 
 def _merging_lines(frame: Frame) -> list[str]:
-    """Return the C function that keeps the newest samples, for a link that cannot send each sample at its instant."""
+    """Return the C function that keeps the newest sample of each sensor, for a link that is too slow to send every
+    sample when it is measured."""
     lines = ["void samples_merge(world_out *kept, const world_out *now)", "{"]
     for sensor in map(identifier, frame.samples):
         old, new = f"kept->sensors.{sensor}", f"now->sensors.{sensor}"
@@ -110,7 +113,7 @@ def _merging_lines(frame: Frame) -> list[str]:
 
 
 def _sending_lines(name: str, dialect: Dialect) -> list[str]:
-    """Return C code that fills in a message and sends it."""
+    """Return C code that sets the fields of a message and sends the message."""
     low, pad = name.lower(), " " * 8
     lines = [f"{pad}mavlink_{low}_t {low};", f"{pad}memset(&{low}, 0, sizeof {low});"]
     for f in dialect.definitions[name].fields:

@@ -1,17 +1,19 @@
-"""Authority over a vehicle. A vehicle belongs to the sender that armed it, until it is disarmed or handed over.
+"""Authority over a vehicle. A vehicle belongs to the sender that armed it, until the vehicle is disarmed or handed
+over.
 
-A sender is identified by system, component, stream of its signatures, and session, a random number drawn at each start.
-So two programs with the same key and the same ids are two senders, even if one of them reads the other's session.
-The session is sent where MAVLink leaves room: in the extension `session` of COMMAND, in parameters of commands, and in
-their acknowledgements. Senders without a session (session 0) are accepted too.
+A sender is identified by four numbers: MAVLink system id, component id, stream number of the signatures, and a session
+number that each program draws at random when it starts. So two programs with the same key and the same ids are two
+senders, even if one of them reads the session number of the other.
+The session number is sent in fields that MAVLink does not use: in the extension `session` of COMMAND, in parameters of
+commands, and in the acknowledgements of commands. Senders without a session number (0) are accepted too.
 
     MAV_CMD_COMPONENT_ARM_DISARM (400)          param3 the sender's session, param4 the vehicle's, 0 for any
     MAV_CMD_REQUEST_OPERATOR_CONTROL (32100)    param2 1, param5 the sender's session, param6 the vehicle's
     COMMAND_ACK of both                         result_param2 the session of the owner
 
-Ground stations have no session. They may arm and disarm any vehicle, since a person operates them. A vehicle that was
-armed by a ground station belongs to the autopilot of its own system that sends the first command. An unrequested
-acknowledgement of 32100 announces the owner.
+Ground stations have no session number. They may arm and disarm any vehicle, because a person operates them. A vehicle
+that was armed by a ground station belongs to the autopilot of its own system that sends the first command. An
+unrequested acknowledgement of 32100 announces the owner.
 Source: https://mavlink.io/en/messages/common.html; docs page, Vehicle.
 """
 
@@ -23,18 +25,18 @@ from trimtab.flight.mavlink.definitions import Message
 SESSION = "session"
 """Name of the extension field of COMMAND that carries the sender's session number."""
 MOST_SESSIONS = 2**24
-"""Upper limit of session numbers. A command parameter is a 32-bit float, in which smaller whole numbers are exact."""
+"""Upper limit of session numbers. Whole numbers below this limit are exact in a command's parameter, a 32-bit float."""
 
 
 def draw_session() -> int:
-    """Return a random session number, at least 1, for one run of a program on a link."""
+    """Return a random session number, at least 1. Each program draws a session number when it starts."""
     return 1 + secrets.randbelow(MOST_SESSIONS - 1)
 
 
 class Sender(NamedTuple):
-    """Sender of a message. session: session number, 0 for a sender without one, e.g. a ground station.
+    """Sender of a message. session: session number, or 0 for a sender without a session number, e.g. a ground station.
 
-    link: signature stream.
+    link: stream number of the signatures.
     """
 
     system: int
@@ -48,7 +50,7 @@ class Sender(NamedTuple):
 
 
 def parse_session(number: float) -> int:
-    """Return a session number from the parameter of a command; 0 if it is not valid."""
+    """Return the session number in a parameter of a command, or 0 if the parameter is not a valid session number."""
     return int(number) if 0 < number < MOST_SESSIONS and number == int(number) else 0
 
 
@@ -59,7 +61,8 @@ def command_sender(message: Message) -> Sender:
 
 
 class Authority:
-    """Owner of a vehicle. The vehicle sets `is_armed`, and calls `end_flight` when it is disarmed."""
+    """Record of a vehicle's owner. The vehicle's program sets `is_armed`, and calls `end_flight` when the vehicle is
+    disarmed."""
 
     def __init__(self, session: int, system: int = 1) -> None:
         """session: session number of the vehicle.  system: MAVLink system id of the vehicle."""
@@ -67,11 +70,11 @@ class Authority:
         self.owner: Sender | None = None
         self.is_armed = False
         self.refused_commands = 0
-        """Number of commands so far from senders that do not own the vehicle."""
+        """Number of commands received so far from senders that do not own the vehicle."""
 
     def is_addressed(self, session: int) -> bool:
-        """Return True if a session number in a message is 0 or that of this vehicle. Two vehicles on one link may have
-        the same system id, but not the same session number."""
+        """Return True if a session number in a message is 0 or equals the session number of this vehicle. Two vehicles
+        on one link may have the same system id, but not the same session number."""
         return session in (0, self.session)
 
     def find_arming_problem(self, sender: Sender) -> str:
@@ -80,7 +83,8 @@ class Authority:
         return f"vehicle belongs to {self.owner}" if is_taken else ""
 
     def find_disarming_problem(self, sender: Sender) -> str:
-        """Return why a sender may not disarm the vehicle, or "". An autopilot may end only its own flight."""
+        """Return the reason why a sender may not disarm the vehicle, or "" if the sender may disarm it. An autopilot
+        may disarm only a vehicle that it owns."""
         return self.find_arming_problem(sender)
 
     def arm(self, sender: Sender) -> None:
@@ -96,7 +100,7 @@ class Authority:
         return before
 
     def accepts_command(self, sender: Sender) -> bool:
-        """Return True if a sender's command is obeyed.
+        """Return True if the vehicle must obey a command of this sender.
 
         The owner's commands are obeyed. If a ground station has armed the vehicle, the first autopilot of the vehicle's
         own system that sends a command becomes the owner.

@@ -1,8 +1,8 @@
-"""Message definitions, read from MAVLink's XML and used to pack and parse messages; decoded messages.
+"""Definitions of messages, read from MAVLink's XML and used to pack and parse messages, and decoded messages.
 
-A payload contains the fields ordered by the size of their elements, largest first. Fields of equal size keep the order
-of declaration. Extension fields follow in the order of declaration. CRC_EXTRA is computed from the message's name and
-its fields without extensions.
+A payload contains the fields of a message, ordered by the size of their elements, largest first. Fields with elements
+of equal size keep the order of declaration. Extension fields follow in the order of declaration. The check byte
+CRC_EXTRA is computed from the message's name and the fields without extensions.
 Source: https://mavlink.io/en/guide/serialization.html.
 """
 
@@ -38,8 +38,10 @@ MAX_PAYLOAD = 255
 class Field(NamedTuple):
     """Field of a message.
 
-    type: MAVLink's name for the type of an element; text is `char`.  length: number of elements; 0 for a single number.
-    at, slots: index of the field's first value in the message, and number of its values; a text is one value.
+    type: MAVLink's name for the type of an element, `char` for text.
+    length: number of elements, or 0 for a single number.
+    at: index of the field's first value in the message.
+    slots: number of the field's values. A text is one value.
     default: value of the field if no value is given.
     """
 
@@ -54,8 +56,9 @@ class Field(NamedTuple):
 class MessageDefinition(NamedTuple):
     """Definition of a message: its fields in the order of the payload, and the format of the payload.
 
-    crc_extra: check byte of the definition.  size: bytes of the payload, with extensions.
-    base: bytes of the payload without extensions.  ranges: lowest and highest value of each integer; None for others.
+    crc_extra: check byte of the definition.  size: number of bytes of the payload, with extensions.
+    base: number of bytes of the payload without extensions.  ranges: lowest and highest value of each integer, None for
+    a value that is not an integer.
     """
 
     name: str
@@ -73,12 +76,12 @@ class MessageDefinition(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Number of bytes of the payload, with extensions."""
+        """Number of bytes of the payload, including the extension fields."""
         return self.packing.size
 
     @property
     def blank_values(self) -> list[Any]:
-        """Return the default values of a message."""
+        """Return the default values of all fields of a message, in the order of the payload."""
         values: list[Any] = []
         for f in self.fields:
             values += [b""] if f.type == "char" else [f.default] * f.slots
@@ -86,7 +89,8 @@ class MessageDefinition(NamedTuple):
 
 
 def read_definitions(text: str) -> dict[str, MessageDefinition]:
-    """Return the definition of every message, by name, in the text of a MAVLink XML file. Enumerations are skipped."""
+    """Return the definition of each message in the text of a MAVLink XML file, by the message's name. Enumerations are
+    skipped."""
     root = ElementTree.fromstring(text)
     version = int(root.findtext("version", "3"))
     return {m.attrib["name"]: _read_definition(m, version) for m in root.iter("message")}
@@ -151,9 +155,10 @@ def _integer_range(kind: str) -> tuple[int, int] | None:
 class Message(NamedTuple):
     """Decoded message.
 
-    values: values in the order of the payload, arrays number by number, text as bytes; see `places` of the dialect.
+    values: values in the order of the payload. An array has one value per element. A text is one value of type bytes.
+    `Dialect.places` states the meaning of each value.
     system, component: ids of the sender.  is_signed: True if the signature was checked and is valid.
-    link: number of the signature's stream; 0 without a signature.
+    link: stream number of the signature, or 0 without a signature.
     """
 
     name: str
@@ -165,11 +170,11 @@ class Message(NamedTuple):
     link: int = 0
 
     def get(self, field: str) -> Any:
-        """Return the value of a field, by name: a number, a tuple of numbers, or a text."""
+        """Return the value of the field with the given name: a number, a tuple of numbers, or a text."""
         return _field_value(self.definition.where[field], self.values)
 
     def fields(self) -> dict[str, Any]:
-        """Return the values of all fields, by name."""
+        """Return the values of all fields, by field name."""
         return {f.name: _field_value(f, self.values) for f in self.definition.fields}
 
 
@@ -195,7 +200,7 @@ def arrange_values(definition: MessageDefinition, fields: Mapping[str, Any]) -> 
             values[field.at] = value.encode() if isinstance(value, str) else bytes(value)
         elif field.length:
             if len(value) != field.length:
-                problem = f"{name} must have {field.length} values, got {len(value)}"
+                problem = f"the field {name} must have {field.length} values, got {len(value)}"
                 raise InputError(f"message {definition.name}", problem, fix=f"give {field.length} values")
             values[field.at : field.at + field.slots] = value
         else:
@@ -204,11 +209,13 @@ def arrange_values(definition: MessageDefinition, fields: Mapping[str, Any]) -> 
 
 
 def fit_values(definition: MessageDefinition, values: Sequence[Any]) -> list[Any]:
-    """Return the values, each limited to the range of its type. In an integer field, NaN becomes 0."""
+    """Return the values, each limited to the range of its integer type. NaN in an integer field becomes 0."""
     if len(values) != len(definition.ranges):
-        problem = f"must have {len(definition.ranges)} values, got {len(values)}"
+        problem = f"the message must have {len(definition.ranges)} values, got {len(values)}"
         raise InputError(
-            f"message {definition.name}", problem, fix="give the values by name, or in the payload's order"
+            f"message {definition.name}",
+            problem,
+            fix="pass the values by field name, or all values in the order of the payload",
         )
     kinds = [f.type for f in definition.fields for _ in range(f.slots)]
     return [_fit_value(v, r, k) for v, r, k in zip(values, definition.ranges, kinds, strict=True)]

@@ -1,12 +1,13 @@
-"""MAVLink dialect derived from the records that the two ends exchange, besides the standard messages.
+"""MAVLink dialect of a scenario: the standard messages, and messages derived from the samples and commands that vehicle
+and autopilot exchange.
 
-    SAMPLE_<SENSOR>   t, valid and the leaves of the value, one message a sensor
-    COMMAND           t, valid and the leaves of the value; as an extension the session of the sender
-    INSTANT           t and the number of samples: ends an instant when the two ends run in lockstep
+    SAMPLE_<SENSOR>   t, valid and the numbers of the value, one message for each sensor
+    COMMAND           t, valid and the numbers of the value; as an extension the session number of the sender
+    INSTANT           t and the number of samples; ends an instant when vehicle and autopilot run in lockstep
 
-Content that does not fit into one payload goes into numbered messages, SAMPLE_<SENSOR>_1 and so on, each with t and
-valid. Age and freshness are not sent, since the receiver of a sample computes them. Names and texts are restricted to
-those that MAVLink's generators accept for all their languages.
+A sample that does not fit into one payload is sent in several messages, SAMPLE_<SENSOR>_1 and so on, each with t and
+valid. Age and freshness of a sample are not sent, because the receiver computes them. Names and texts are restricted,
+so that MAVLink's code generators for all programming languages accept them.
 Source: https://mavlink.io/en/guide/xml_schema.html.
 """
 
@@ -27,9 +28,9 @@ from trimtab.flight.mavlink.authority import SESSION
 from trimtab.flight.mavlink.definitions import MAX_PAYLOAD, SIZES, MessageDefinition, read_definitions
 
 DESCRIPTION = re.compile(">[^<]*<")
-"""Text between two tags of the definitions."""
+"""Pattern of the text between two tags in the XML definitions."""
 FIRST_ID = 0x747400
-"""First id of derived messages ("tt", then a byte), far from those of published dialects."""
+"""First id of derived messages ("tt", then a byte), far from the message ids of published dialects."""
 MOST_MESSAGES = 256
 TYPES = {"f": "double", "b": "uint8_t", "i8": "int64_t", "i4": "int32_t", "u4": "uint32_t"}
 STANDARD = Path(__file__).with_name("standard.xml")
@@ -55,7 +56,8 @@ RESERVED_WORDS = {
 
 
 class ValuePlace(NamedTuple):
-    """Place of one value of a message: path of a leaf, index of the number, and MAVLink's type."""
+    """Source of one value of a message: path of a number or array in the sample or command, index in the array, and
+    MAVLink's type."""
 
     path: str
     slot: int
@@ -63,11 +65,12 @@ class ValuePlace(NamedTuple):
 
 
 class Dialect(NamedTuple):
-    """All messages that two ends can exchange.
+    """Dialect of a link: all messages that vehicle, autopilot and ground stations can exchange.
 
-    text: the definitions as MAVLink's XML.  definitions: every message by name; by_id: by number.
-    groups: path of a sample ("samples.imu"), "command" or "instant" -> the messages that carry it.
-    places: name of a derived message -> place of each of its values.
+    text: the definitions as MAVLink's XML.  definitions: definition of every message, by name.  by_id: the same by
+    message id.
+    groups: names of the messages that carry a sample or command, by path ("samples.imu", "command", "instant").
+    places: source of each value of a derived message, by the message's name.
     """
 
     text: str
@@ -78,17 +81,18 @@ class Dialect(NamedTuple):
 
     @property
     def fingerprint(self) -> bytes:
-        """Hash of the dialect, eight bytes. Two ends compare their hashes before they trust each other's numbers.
+        """Hash of the dialect, eight bytes. Vehicle and autopilot compare their hashes, because equal hashes mean equal
+        formats of the messages.
 
-        The hash covers names, types, units and order. It does not cover the descriptions.
+        The hash depends on names, types, units and order of the fields, not on their descriptions.
         """
         return hashlib.sha256(DESCRIPTION.sub("><", self.text).encode()).digest()[:8]
 
 
 class _FieldPiece(NamedTuple):
-    """Part of a leaf that becomes one field of a message: `numbers` numbers from index `start` on.
+    """Part of a number or array that becomes one field of a message: `numbers` elements from index `start` on.
 
-    scalar: True if the leaf is a single number.
+    scalar: True if the value at `path` is a single number, not an array.
     """
 
     path: str
@@ -105,12 +109,13 @@ class _FieldPiece(NamedTuple):
 
 
 def derive_dialect(frame_like: Frame, command_like: Command) -> Dialect:
-    """Return the dialect for frames and commands of these structures.
+    """Return the dialect for sensor samples and commands with the structure of the examples.
 
     Args:
-        frame_like, command_like: examples with the structures that both ends use, with any values.
+        frame_like: example of a frame of samples, with any values.  command_like: example of a command, with any
+            values.
 
-    Raises InputError if there are more messages than ids.
+    Raises InputError if there are more derived messages than message ids.
     """
     parts_of = {f"samples.{s}": _split_parts(sample, f"samples.{s}") for s, sample in frame_like.samples.items()}
     parts_of[COMMAND] = _split_parts(command_like, COMMAND, room=MAX_PAYLOAD - SIZES[SESSION_TYPE])
@@ -127,13 +132,14 @@ def derive_dialect(frame_like: Frame, command_like: Command) -> Dialect:
         groups[group] = tuple(unique_name(n, used_names) for n in several)
         contents |= dict(zip(groups[group], parts, strict=True))
     if len(contents) > MOST_MESSAGES:
-        problem = f"{len(contents)} messages exceed the {MOST_MESSAGES} numbers reserved for them"
+        problem = f"{len(contents)} messages are needed, but only {MOST_MESSAGES} message ids are reserved"
         raise InputError("dialect", problem, fix="use fewer sensors, or combine several sensors into one")
     return _make_dialect(standard, groups, contents)
 
 
 def _split_parts(record: Any, path: str, room: int = MAX_PAYLOAD) -> list[list[_FieldPiece]]:
-    """Return time, validity and the leaves of the value, split into as many payloads as needed."""
+    """Return the message fields of a sample or command (time, validity and the numbers of the value), split into as
+    many payloads as needed."""
     head, rest = [], []
     for below, value, declared in leaves(record):
         if not isinstance(declared, Quantity):
@@ -204,18 +210,20 @@ def _message_xml(name: str, number: int, group: str, fields: dict[str, _FieldPie
 
 
 def message_name(text: str) -> str:
-    """Return a legal message name: capitals, digits and underscores, starting with a letter."""
+    """Return a text converted to a valid message name: capitals, digits and underscores, starting with a letter."""
     return _legal_name(text).upper()
 
 
 def field_name(path: str) -> str:
-    """Return a field name from the path of a leaf: its part after `value`, or its last part, with underscores."""
+    """Return a message field's name, made from a path: the part of the path after `value`, or else the last name in the
+    path, with underscores for dots."""
     _, _, below = path.partition(".value.")
     return _legal_name(below or path.rsplit(".", 1)[-1])
 
 
 def unique_name(name: str, used_names: set[str]) -> str:
-    """Return the name, with a number appended if it is already used (ignoring case). Add the result to the used names.
+    """Return the name, with a number appended if the name is already used (ignoring case). Add the result to
+    `used_names`.
 
     used_names: names in lower case.
     """

@@ -35,43 +35,43 @@ class FrameCounts:
     sent: int = 0
     accepted: int = 0
     lost: int = 0
-    """Lost frames, counted from the gaps in their senders' sequence numbers."""
+    """Number of lost frames, counted from the gaps in the senders' sequence numbers."""
     disordered: int = 0
-    """Frames of senders whose sequence numbers jump, so that their losses are unknown."""
+    """Number of frames from senders whose sequence numbers jump, so that the number of their lost frames is unknown."""
     checksum: int = 0
-    """Frames with a wrong checksum: damaged, or from a sender with other definitions."""
+    """Number of frames with a wrong checksum: damaged, or from a sender with other message definitions."""
     unknown: int = 0
-    """Frames with a message that is not in this endpoint's dialect."""
+    """Number of frames with a message that is not in this endpoint's dialect."""
     unsigned: int = 0
     downgraded: int = 0
-    """Frames of MAVLink 1, which cannot be signed."""
+    """Number of refused frames of MAVLink 1, which cannot be signed."""
     unchecked: int = 0
-    """Signed frames that were accepted unchecked, since this endpoint has no key."""
+    """Number of signed frames that were accepted without a check of the signature, because this endpoint has no key."""
     wrong_signature: int = 0
     replayed: int = 0
-    """Replayed frames with a valid signature."""
+    """Number of refused frames with a valid signature that had already been received (replayed frames)."""
     stale: int = 0
-    """Frames with a valid signature whose time stamp is from before this endpoint's start, or over a minute old."""
+    """Number of refused frames with a valid signature but an old time stamp: over a minute, or before the start."""
     leading: int = 0
-    """Frames with a valid signature whose time stamp is too far ahead."""
+    """Number of refused frames with a valid signature whose time stamp is too far in the future."""
     reflected: int = 0
-    """Frames that this endpoint has sent itself and then received."""
+    """Number of refused frames with the system and component ids of this endpoint: its own frames, sent back."""
     garbage: int = 0
     """Bytes outside frames."""
     clamped: int = 0
-    """Messages packed with a number that was limited to the range of its type."""
+    """Number of sent messages in which a value was limited to the range of its type."""
 
     @property
     def refusals(self) -> int:
-        """Number of complete frames that were refused."""
+        """Number of complete and undamaged frames that were refused."""
         strangers = self.unsigned + self.downgraded + self.wrong_signature
         return self.unknown + strangers + self.replayed + self.stale + self.leading + self.reflected
 
 
 class UntimelyMessage(NamedTuple):
-    """Message with a valid signature, refused for its time stamp.
+    """Message with a valid signature that was refused because of its time stamp.
 
-    stamp: its time stamp.  lead: lead of the time stamp over this endpoint's clock (s).
+    stamp: time stamp of the message.  lead: lead of this time stamp over the endpoint's clock (s).
     """
 
     message: Message
@@ -82,8 +82,8 @@ class UntimelyMessage(NamedTuple):
 class Numbering(NamedTuple):
     """Sequence numbers of the frames that one component sends to one group of receivers.
 
-    A receiver counts gaps in the numbers as losses. So frames for receivers that get only some of a component's
-    frames are numbered separately.
+    A receiver counts gaps in the sequence numbers as lost frames. So a group of receivers that gets only some of a
+    component's frames has a separate numbering.
     """
 
     component: int
@@ -96,20 +96,20 @@ HEADER = struct.Struct("<BBBBBBBHB")
 OVERHEAD, TAG = HEADER.size + 2, 13
 NO_FRAME, NOT_YET = -1, 0
 START = re.compile(rb"[\xfd\xfe]")
-"""First byte of a frame, of MAVLink 2 and of MAVLink 1."""
+"""Pattern of the first byte of a frame, of MAVLink 2 or MAVLink 1."""
 MOST_FALSE_STARTS = 32
-"""Maximum number of false starts of frames in one packet, so that a flood of them cannot block the loop."""
+"""Maximum number of false frame starts in one packet, so that a flood of them cannot delay the control loop."""
 
 
 class Endpoint:
-    """Endpoint of a link for one system and component. Not thread-safe.
+    """Endpoint of a link for one MAVLink system and component. It is not thread-safe.
 
-    key: signs all sent packets; packets that are not signed with it are refused. Without a key, set `unsigned`: anyone
-        with access to the link can then command the vehicle.
-    datagrams: True if each `feed` is a whole packet, so that a new packet does not continue an incomplete frame.
-    is_reset: start the time stamps with this computer's clock, and ignore the stored time stamp.
-    session: number that distinguishes this endpoint from others with the same system and component ids, and from itself
-        before a restart; None: a random number.
+    key: key that signs all sent packets. Received packets that are not signed with this key are refused. Without a key,
+        set `unsigned`. Anyone with access to the link can then command the vehicle.
+    datagrams: True if each call of `feed` passes a complete packet. A packet then never continues an incomplete frame.
+    is_reset: True to start the time stamps with this computer's clock and ignore the stored time stamp.
+    session: session number, which distinguishes this endpoint from other endpoints with the same system and component
+        ids, also from the same program before a restart. None draws a random number.
     """
 
     def __init__(
@@ -136,9 +136,9 @@ class Endpoint:
         self._keyed = None if key is None else hashlib.sha256(key.secret)
         self.stamps = None if key is None else _open_stamps(key, f"{system}-{component}-{link}", clock, is_reset)
         self.untimely: list[UntimelyMessage] = []
-        """Messages of the last `feed` that were refused only for their time stamp."""
+        """Messages in the last call of `feed` that were refused only because of their time stamp."""
         self.is_asked_by_stranger = False
-        """True if, in the last `feed`, a sender of this system asked for the time without the key, as `fly` does."""
+        """True if a sender with this system id asked for the time without a valid signature, in the last `feed`."""
         own = (name for names in dialect.groups.values() for name in names)
         self._any_order = {"TIMESYNC", "TUNNEL", "COMMAND_ACK", *own}
 
@@ -147,11 +147,11 @@ class Endpoint:
 
         Args:
             name: name of a message of the dialect.
-            values: fields by name, where missing fields get their default; or all values in the order of the payload;
-                or the payload.
+            values: values by field name, where missing fields get their default; or all values in the order of the
+                payload; or the payload as bytes.
 
-        Numbers outside the range of their type are limited to it, and counted. An unknown message or field raises
-        InputError.
+        Numbers outside the range of their type are limited to this range, and counted. An unknown message or field
+        raises InputError.
         """
         definition = self.dialect.definitions.get(name)
         if definition is None:
@@ -173,13 +173,13 @@ class Endpoint:
         return self._make_frame(definition, payload.rstrip(b"\0") or b"\0", numbering)
 
     def repack(self, frame: bytes) -> bytes:
-        """Return a frame of this endpoint with a new sequence number and signature, for another group of receivers."""
+        """Return a frame of this endpoint with a new sequence number and signature, for the ground stations."""
         _, length, _, _, _, _, component, low, high = HEADER.unpack_from(frame)
         definition = self.dialect.by_id[low | high << 16]
         return self._make_frame(definition, frame[HEADER.size : HEADER.size + length], Numbering(component, True))
 
     def forward(self, message: Message) -> bytes:
-        """Return a frame with a message of another component of this system, for receivers that did not get it."""
+        """Return a frame that forwards a message of another component of this system to the ground stations."""
         definition = message.definition
         payload = definition.packing.pack(*message.values).rstrip(b"\0") or b"\0"
         return self._make_frame(definition, payload, Numbering(message.component, True))
@@ -203,7 +203,7 @@ class Endpoint:
         return digest.digest()[:6]
 
     def feed(self, data: bytes | None) -> list[Message]:
-        """Add received bytes. Return, in order, the accepted messages that are now complete. Raise no exceptions."""
+        """Process received bytes, and return the accepted messages, in the order of arrival. Raise no exceptions."""
         self.untimely, self.is_asked_by_stranger = [], False
         if not data:
             return []
@@ -219,7 +219,7 @@ class Endpoint:
     def _read_frames(self, buffer: bytes, messages: list[Message]) -> bytes:
         """Read all frames in a buffer. Return the bytes of an incomplete frame at its end.
 
-        False starts cost time. After MOST_FALSE_STARTS of them the remaining bytes are dropped.
+        After MOST_FALSE_STARTS false frame starts, which cost time, the remaining bytes are dropped.
         """
         at, size, false_starts = 0, len(buffer), 0
         while at < size:
@@ -239,7 +239,7 @@ class Endpoint:
         return b""
 
     def _starts_frame(self, data: bytes) -> bool:
-        """Return True if a packet starts with a complete frame of the dialect."""
+        """Return True if a packet starts with a complete and undamaged frame of the dialect."""
         if len(data) < HEADER.size or data[0] != VERSION_2:
             return False
         _, length, flags, _, _, _, _, low, high = HEADER.unpack_from(data)
@@ -249,7 +249,8 @@ class Endpoint:
         return checksum(data[1:end], definition.crc_extra) == data[end : end + 2]
 
     def _read_frame(self, buffer: bytes, at: int, messages: list[Message]) -> int:
-        """Return the number of bytes of the frame at `at`; NO_FRAME; or NOT_YET if more bytes are needed."""
+        """Read the frame that starts at index `at`, and append its message if it is accepted. Return the number of
+        bytes of the frame, NO_FRAME if no valid frame starts there, or NOT_YET if more bytes are needed."""
         if len(buffer) - at < HEADER.size:
             return NOT_YET
         _, length, flags, compat, sequence, system, component, low, high = HEADER.unpack_from(buffer, at)
@@ -269,7 +270,7 @@ class Endpoint:
         if self._keyed and flags and not hmac.compare_digest(self._signature_tag(frame[:-6]), frame[-6:]):
             self.counts.wrong_signature += 1
             self._note_stranger(definition.name, system)
-            return NO_FRAME  # the frame may be cut off: another frame may start inside the supposed signature
+            return NO_FRAME  # if this frame was cut off, the next frame starts inside the supposed signature
         values = definition.packing.unpack(frame[HEADER.size : end].ljust(definition.size, b"\0"))
         is_signed = bool(flags) and self._keyed is not None
         stream = frame[-TAG] if is_signed else 0
@@ -308,7 +309,8 @@ class Endpoint:
         self.is_asked_by_stranger |= name == "TIMESYNC" and system == self.system
 
     def _skip_unknown(self, buffer: bytes, at: int, size: int, flags: int) -> int:
-        """Skip an unknown message, whose checksum cannot be computed, if it is signed or another frame follows."""
+        """Skip a frame with an unknown message, whose checksum cannot be checked, if the signature is valid or another
+        frame follows directly."""
         if self._keyed and flags:
             frame = buffer[at : at + size]
             whole = hmac.compare_digest(self._signature_tag(frame[:-6]), frame[-6:])
@@ -340,7 +342,7 @@ class Endpoint:
         self.counts.disordered += disordered
 
     def begin_anew(self) -> None:
-        """Treat the next frame of each sender as its first, so that discarded frames do not count as losses."""
+        """Treat the next frame of each sender as its first frame, so that discarded frames do not count as lost."""
         self._gaps.clear()
         self._rest = b""
 
@@ -350,12 +352,12 @@ class Endpoint:
             self.stamps.store_ahead()
 
     def close(self) -> None:
-        """Store the time stamp, and release the files of the endpoint."""
+        """Store the last time stamp, and close the files of the endpoint."""
         if self.stamps is not None:
             self.stamps.close()
 
     def abandon(self) -> None:
-        """Release the files of the endpoint without storing the time stamp, as happens when a process dies."""
+        """Close the files of the endpoint without storing the time stamp, as the system does when a process dies."""
         if self.stamps is not None:
             self.stamps.abandon()
 
@@ -363,16 +365,16 @@ class Endpoint:
 def checksum(data: bytes, extra: int) -> bytes:
     """Return the two bytes that end a frame: CRC-16/MCRF4XX of all bytes after the first, and of CRC_EXTRA.
 
-    extra: CRC_EXTRA of the message, 0 to 255. A receiver with a different definition has another value, so it refuses
-    the frame.
+    extra: CRC_EXTRA of the message, 0 to 255. A receiver with a different definition of the message has another
+    CRC_EXTRA, and so refuses the frame.
     """
     return mcrf4xx(data + bytes((extra,))).to_bytes(2, "little")
 
 
 def _open_stamps(key: SigningKey, name: str, clock: Callable[[], float] | None, is_reset: bool) -> Stamps:
-    """Return the time stamps of an endpoint.
+    """Return the object that makes and checks the time stamps of an endpoint.
 
-    name: part of the name of the file in which the stamp is stored, next to the key. Each endpoint has its own name.
+    name: part of the name of the file, next to the key, in which the time stamp is stored. It must be unique.
     """
     store = None if key.path is None else key.path.with_name(f"{key.path.name}.{name}.time")
     return Stamps(store, clock, is_reset=is_reset)
@@ -385,10 +387,12 @@ def _check_arguments(system: int, component: int, link: int, key: SigningKey | N
     if key is None and not unsigned:
         problem = "no key: anyone could command the vehicle"
         raise InputError(
-            "wire", problem, fix="give a key: create_key(key_path('VEHICLE')), or unsigned=True on loopback"
+            "wire",
+            problem,
+            fix="pass a key, made by create_key(key_path('VEHICLE')), or on a loopback link pass unsigned=True",
         )
     if key is not None and (unsigned or len(key.secret) != 32):
         problem = (
             "unsigned was requested with a key" if unsigned else f"the key must have 32 bytes, got {len(key.secret)}"
         )
-        raise InputError("wire", problem, fix="leave out unsigned, or the key; load keys by load_key()")
+        raise InputError("wire", problem, fix="leave out either unsigned=True or the key; load a key by load_key()")

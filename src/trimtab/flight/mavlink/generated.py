@@ -1,7 +1,7 @@
-"""Generated code of a dialect: a Python module for pymavlink's tools, and C headers for a microcontroller.
+"""Generation of code for a MAVLink dialect: a Python module for pymavlink's tools, and C headers for a microcontroller.
 
-MAVLink's own generator writes both from the XML that this package also reads. So the other end of the link does not
-need trimtab.
+MAVLink's own generator writes both from the XML definitions. So a program at the other end of the link does not need
+trimtab.
 """
 
 import contextlib
@@ -26,7 +26,8 @@ GENERATOR_LOCK = threading.Lock()
 
 
 def load_python_module(dialect: Dialect) -> ModuleType:
-    """Return the dialect as a pymavlink module. It is generated once and kept in the user's cache."""
+    """Return the dialect as a Python module for pymavlink. The module is generated once and kept in the user's
+    cache."""
     generator = load_generator()
     from pymavlink import __version__
 
@@ -51,7 +52,8 @@ def load_python_module(dialect: Dialect) -> ModuleType:
 
 
 def _make_module(generator: Any, dialect: Dialect, file: Path, stack: contextlib.ExitStack) -> Path:
-    """Write the module to a temporary file, then move it into place, since two processes may do this at once."""
+    """Write the module to a temporary file, then rename the file, because two processes may write the same module at
+    the same time."""
     own = Path(stack.enter_context(tempfile.TemporaryDirectory())) / file.name
     _run_generator(generator, dialect, own, "Python")
     with contextlib.suppress(OSError):  # a full or read-only cache
@@ -68,20 +70,21 @@ def _make_module(generator: Any, dialect: Dialect, file: Path, stack: contextlib
 
 
 def write_c_headers(dialect: Dialect, folder: Path) -> Path:
-    """Write the dialect's C headers into a folder. Return the include folder of <trimtab/mavlink.h>."""
+    """Write the dialect's C headers into a folder. Return the folder to include, which contains trimtab/mavlink.h."""
     generator = load_generator()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with GENERATOR_LOCK:
             _run_generator(generator, dialect, folder, "C")
     except OSError as error:
-        problem = f"cannot be written: {error.strerror or error}"
+        problem = f"the folder cannot be written: {error.strerror or error}"
         raise InputError(f"C headers in '{folder}'", problem, fix="choose a folder that you can write") from None
     return folder
 
 
 def load_generator() -> Any:
-    """Return MAVLink's own generator, an optional dependency. Raise InputError if it is not installed."""
+    """Return the module of MAVLink's own generator, an optional dependency. Raise InputError if the generator is not
+    installed."""
     try:
         from pymavlink.generator import mavgen
     except ImportError:

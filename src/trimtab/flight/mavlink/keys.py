@@ -1,8 +1,10 @@
-"""Keys with which two ends sign their packets: one file per vehicle, which only its owner can read.
+"""Keys with which vehicle and autopilot sign their packets. Each vehicle has one key file, which only the file's owner
+can read.
 
-A key file contains one line, a passphrase. The key is the SHA-256 of the passphrase. So a ground station computes the
-same key from that line, e.g. MAVProxy by `signing key LINE`.
-Source: https://mavlink.io/en/guide/message_signing.html; the passphrase form is that of MAVProxy's module `signing`.
+A key file contains one line, a passphrase. The key is the SHA-256 of the passphrase. So a ground station can compute
+the same key from the passphrase, e.g. MAVProxy by `signing key LINE`.
+Source: https://mavlink.io/en/guide/message_signing.html; MAVProxy's module `signing` computes a key from a passphrase
+in the same way.
 """
 
 import hashlib
@@ -20,27 +22,28 @@ LONGEST_FILE = 4096
 
 
 class SigningKey(NamedTuple):
-    """Key of 32 bytes, and path of its file, or None. Time stamps are stored beside that file."""
+    """Signing key of 32 bytes, and the path of the key file or None. Time stamps are stored beside the key file."""
 
     secret: bytes
     path: Path | None = None
 
     def __repr__(self) -> str:
-        """Return a text without the secret, for logs and error messages."""
+        """Return a text for logs and error messages, which does not contain the key."""
         return f"Key(path={str(self.path)!r})"
 
 
 def passphrase_key(passphrase: str, path: Path | None = None) -> SigningKey:
-    """Return the key of a passphrase: its SHA-256."""
+    """Return the key that belongs to a passphrase: the SHA-256 of the passphrase."""
     if len(passphrase) < SHORTEST_PASSPHRASE or not re.fullmatch(r"[!-~]+", passphrase):
         problem = f"a passphrase must have at least {SHORTEST_PASSPHRASE} printable ASCII characters without spaces"
-        fix = "let `create_key` make one: short passphrases can be guessed from one recorded packet"
+        fix = "use `create_key` to make a passphrase; a short one can be guessed from one recorded packet"
         raise InputError("signing key", problem, fix=fix)
     return SigningKey(hashlib.sha256(passphrase.encode()).digest(), path)
 
 
 def key_path(vehicle: str) -> Path:
-    """Return the path of a vehicle's key: keys/VEHICLE.key in $TRIMTAB_CONFIG, else trimtab in $XDG_CONFIG_HOME."""
+    """Return the path of a vehicle's key file: keys/VEHICLE.key in the folder $TRIMTAB_CONFIG if it is set, otherwise
+    in the folder trimtab of $XDG_CONFIG_HOME."""
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", vehicle):
         problem = f"{vehicle!r} is not a valid name of a vehicle"
         raise InputError("signing key", problem, fix="use letters, digits, '-', '_' and '.', e.g. hovercraft-1")
@@ -53,11 +56,11 @@ def key_path(vehicle: str) -> Path:
 
 
 def create_key(path: Path, passphrase: str = "") -> SigningKey:
-    """Make a new key and write its file, readable by its owner only. An existing file is never overwritten.
+    """Make a new key and write the key file, readable by its owner only. An existing file is never overwritten.
 
     Args:
         path: path of the file.
-        passphrase: passphrase to write; empty: a random one of 256 bits.
+        passphrase: passphrase to write. If it is empty, a random passphrase of 256 bits is used.
     """
     passphrase = passphrase or secrets.token_urlsafe(32)
     try:
@@ -67,10 +70,15 @@ def create_key(path: Path, passphrase: str = "") -> SigningKey:
             file.flush()
             os.fsync(file.fileno())
     except FileExistsError:
-        problem = "already exists; packets signed with it would no longer be accepted"
-        raise InputError(f"key file '{path}'", problem, fix=f"use this key, or  rm '{path}'  first") from None
+        problem = (
+            "the file already exists; if it were replaced, packets signed with the existing key would no longer be "
+            "accepted"
+        )
+        raise InputError(
+            f"key file '{path}'", problem, fix=f"use the existing key, or first remove it:  rm '{path}'"
+        ) from None
     except OSError as error:
-        problem = f"cannot be written: {error.strerror or error}"
+        problem = f"the file cannot be written: {error.strerror or error}"
         raise InputError(f"key file '{path}'", problem, fix="choose a folder that you can write") from None
     return passphrase_key(passphrase, path)
 
@@ -81,8 +89,11 @@ def load_key(path: Path) -> SigningKey:
     try:
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     except OSError as error:
-        fix = f"make a key by create_key(Path({str(path)!r})) on one end, and copy the file to the other end by hand"
-        raise InputError(where, f"cannot be read: {error.strerror or error}", fix=fix) from None
+        fix = (
+            f"make a key by create_key(Path({str(path)!r})) on one computer, and copy the file to the other computer "
+            "by hand"
+        )
+        raise InputError(where, f"the file cannot be read: {error.strerror or error}", fix=fix) from None
     try:
         _check_key_file(where, path, os.fstat(descriptor))
         text = os.read(descriptor, LONGEST_FILE + 1)
@@ -93,19 +104,22 @@ def load_key(path: Path) -> SigningKey:
             raise InputError(where, "is too long")
         return passphrase_key(text.decode("ascii").strip(), path)
     except (UnicodeDecodeError, InputError):
-        problem = f"contains no key: one line of {SHORTEST_PASSPHRASE} or more printable ASCII characters expected"
+        problem = (
+            f"the file contains no key: it must have one line of at least {SHORTEST_PASSPHRASE} printable ASCII "
+            "characters"
+        )
         raise InputError(
-            where, problem, fix="copy the key file again from the other end, or make a new key for both ends"
+            where, problem, fix="copy the key file again from the other computer, or make a new key for both"
         ) from None
 
 
 def _check_key_file(where: str, path: Path, about: os.stat_result) -> None:
     if not stat.S_ISREG(about.st_mode):
-        raise InputError(where, "is not a file", fix="give the path of a key file")
+        raise InputError(where, "the path is not a file", fix="use the path of a key file")
     if not hasattr(os, "getuid"):
         return
     if about.st_uid != os.getuid():
-        raise InputError(where, "belongs to another user", fix=f"chown {os.getuid()} '{path}'")
+        raise InputError(where, "the file belongs to another user", fix=f"chown {os.getuid()} '{path}'")
     if about.st_mode & 0o077:
-        problem = f"other users can read or change it (mode {stat.S_IMODE(about.st_mode):04o})"
+        problem = f"the file is not secret: other users can read or change it (mode {stat.S_IMODE(about.st_mode):04o})"
         raise InputError(where, problem, fix=f"chmod 600 '{path}'")

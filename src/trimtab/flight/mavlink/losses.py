@@ -1,31 +1,32 @@
 """Number of lost frames of a sender, counted from the gaps in its sequence numbers.
 
-A large gap counts as a loss once CONFIRMING consecutive frames have arrived in order after the gap, each at most
-SMALL_GAP numbers after the previous one. If the numbers of a sender jump (at random, or because two programs have one
-identity), this never happens. Then gaps are not losses, and frames count as disordered. A late frame cancels the loss
-that was counted for it. A program that restarts numbers its frames from 0. So a large jump to one of the first numbers
-is a restart, not a loss.
+A large gap counts as a loss once CONFIRMING consecutive frames have arrived after the gap, each with a number at most
+SMALL_GAP above the previous number. If the sequence numbers of a sender jump all the time (at random, or because two
+programs use the same ids), no gap is ever confirmed. Then gaps do not count as losses, and the frames count as
+disordered. If a frame arrives late, the loss that was counted for this frame is cancelled. A program that restarts
+numbers its frames from 0. So a large jump to one of the first numbers is a restart, not a loss.
 Source: https://mavlink.io/en/guide/serialization.html, packet sequence.
 """
 
 CONFIRMING = 6
 SMALL_GAP = 32
-"""Largest gap that counts as small.
+"""Largest gap in the sequence numbers that counts as small.
 
-A random number follows the previous one with such a gap in 1 of 8 cases, and 6 times in a row in 1 of 200 000 cases.
+With random sequence numbers, a gap is small in 1 of 8 cases, and 6 gaps in a row are small in 1 of 200 000 cases.
 """
 MOST_JUMPS = 3
-"""Number of unconfirmed jumps after which the pending gaps no longer count as possible losses."""
+"""Number of unconfirmed large gaps after which these gaps no longer count as possible losses."""
 NUMBERS = 256
 FIRST_NUMBERS = 4
-"""Limit below which a number after a large jump shows a restart. A real large gap ends below it in 1 of 64 cases."""
+"""Limit of the sequence number. A number below this limit after a large jump counts as a restart of the sender. After a
+real large gap, the number is below this limit in 1 of 64 cases."""
 
 
 class SequenceGaps:
-    """Counter of lost frames of one sender, from the sequence numbers."""
+    """Counter of the lost frames of one sender, computed from the sequence numbers."""
 
     def __init__(self) -> None:
-        """Start without a received frame."""
+        """Start before the first frame of the sender."""
         self._last: int | None = None
         self._gathered = self._in_order = self._jumps = self._lost = 0
         self._late_run = self._late_start = self._late_last = self._late_gap = self._taken_back = 0
@@ -33,7 +34,8 @@ class SequenceGaps:
     def follow(self, sequence: int) -> tuple[int, int]:
         """Process the sequence number of the next frame.
 
-        Return the change of the number of lost frames (-1 for a late frame), and the number of disordered frames.
+        Return the change of the number of lost frames (-1 for a late frame), and the number of frames that now count as
+        disordered.
         """
         last, self._last = self._last, sequence
         if last is None:
@@ -58,10 +60,11 @@ class SequenceGaps:
         return 0, 0
 
     def _handle_late_frame(self, sequence: int, missed: int) -> tuple[int, int]:
-        """Cancel the loss counted for a late frame. While a jump is unconfirmed, the frame counts as disordered.
+        """Cancel the loss that was counted for a late frame. If a large gap is still unconfirmed, the frame counts as
+        disordered instead.
 
-        Consecutive frames in order that all seem late are not late: before them, at least half of all numbers were
-        lost.
+        If CONFIRMING consecutive frames in order all seem late, they are not late: at least half of all sequence
+        numbers were lost before them.
         """
         if self._jumps:
             self._in_order = 0

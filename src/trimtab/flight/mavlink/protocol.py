@@ -1,4 +1,4 @@
-"""Part of MAVLink's common dialect that the vehicle's end uses: numeric codes, and parsing of requests.
+"""Part of MAVLink's common dialect that a vehicle uses: numeric codes, and parsing of requests.
 
 Requests for an autopilot to hold, to resume, or to end its flight:
 
@@ -19,7 +19,8 @@ from trimtab.flight.mavlink.definitions import Message
 class ArmRequest(NamedTuple):
     """Request to arm or disarm.
 
-    A request to arm is passed on only if all checks pass. by_hand: True for a request of a person at a ground station.
+    A request to arm is passed to the vehicle only if all checks pass. by_hand: True for a request of a person at a
+    ground station.
     """
 
     arm: bool
@@ -27,7 +28,8 @@ class ArmRequest(NamedTuple):
 
 
 class ModeRequest(NamedTuple):
-    """Request to change to a mode, by its number. It is passed on only if the mode exists and can be entered."""
+    """Request to change the vehicle's mode. mode: number of the new mode. The request is passed to the vehicle only if
+    this mode exists and can be entered."""
 
     mode: int
 
@@ -35,14 +37,15 @@ class ModeRequest(NamedTuple):
 class FlightRequest(NamedTuple):
     """Request for the autopilot to "hold", to "resume" or to "end" its flight.
 
-    The request is passed on only if an autopilot is present.
+    The request is passed to the vehicle only if an autopilot is on the link.
     """
 
     request: str
 
 
 class ParameterChange(NamedTuple):
-    """Accepted change of a parameter. path: path of a leaf.  slot: index of the changed number in the leaf."""
+    """Accepted change of a parameter. path: path of a number or array.  slot: index of the changed number in the
+    array."""
 
     path: str
     slot: int
@@ -50,7 +53,7 @@ class ParameterChange(NamedTuple):
 
 
 class ReceiverChannels(NamedTuple):
-    """Pulse widths of a safety pilot's receiver, in seconds; NaN for a missing channel.
+    """Pulse widths (s) of all channels of the safety pilot's radio receiver, NaN for a missing channel.
 
     is_release: True if a ground station releases all channels. The vehicle then expects no safety pilot.
     """
@@ -60,7 +63,7 @@ class ReceiverChannels(NamedTuple):
 
 
 class JoystickAxes(NamedTuple):
-    """Joystick axes: forward, right, up, turn from -1 to 1, NaN for a missing axis."""
+    """Positions of a joystick's axes (forward, right, up, turn), each from -1 to 1, NaN for a missing axis."""
 
     surge: float
     sway: float
@@ -90,7 +93,7 @@ class State(IntEnum):
 
 
 class CommandCode(IntEnum):
-    """Numbers of commands: MAVLink's MAV_CMD."""
+    """Ids of commands: MAVLink's MAV_CMD."""
 
     LAND = 21
     SET_MODE = 176
@@ -120,7 +123,7 @@ class CommandResult(IntEnum):
 
 
 class Severity(IntEnum):
-    """Severities of a text: MAVLink's MAV_SEVERITY."""
+    """Severities of a text message: MAVLink's MAV_SEVERITY."""
 
     EMERGENCY = 0
     CRITICAL = 2
@@ -142,28 +145,29 @@ class Capability(IntFlag):
 GENERIC_AUTOPILOT = 0
 REAL_32 = 9
 SET_MODE_MESSAGE = 11
-"""Number of the message SET_MODE, used as the command number in its acknowledgement."""
+"""Id of the message SET_MODE, used as the command id when SET_MODE is acknowledged."""
 VERSION_MESSAGE = 148
-"""Number of the message AUTOPILOT_VERSION."""
+"""Id of the message AUTOPILOT_VERSION."""
 HOLD, RESUME, END = "hold", "resume", "end"
 DENIED = ""
 GOTO_HOLD, GOTO_CONTINUE = 0, 1
 HOLD_POSITIONS = 0, 2
-"""Accepted codes of the position to hold: 0 (not given), or MAV_GOTO_HOLD_AT_CURRENT_POSITION."""
+"""Accepted codes of the position at which to hold: 0 (not given), or MAV_GOTO_HOLD_AT_CURRENT_POSITION."""
 PAUSES: dict[float, str] = {0: HOLD, 1: RESUME}
 CHANNELS = 18
 NAN = float("nan")
 ABSENT = {"RC_CHANNELS": (65535,), "RC_CHANNELS_OVERRIDE": (0, 65534, 65535)}
-"""Pulse widths with a special meaning: channel missing, channel unchanged, or channel released to the receiver."""
+"""Pulse widths (µs) in RC_CHANNELS and RC_CHANNELS_OVERRIDE with a special meaning: channel missing, channel unchanged,
+or channel released to the radio receiver."""
 SHORTEST_PULSE, LONGEST_PULSE = 800, 2200
-"""Range of the pulses (µs) that a receiver sends. Other pulses are ignored."""
+"""Range of valid pulse widths (µs) of a radio receiver. Other pulses are ignored."""
 RELEASED = 0
 FIRST_CHANNELS = 8
 """Number of channels that a ground station releases by the value RELEASED."""
 
 
 class FlightCommand(NamedTuple):
-    """Number of a MAVLink command, and its first two parameters."""
+    """Id of a MAVLink command, and the first two parameters of the command."""
 
     command: int
     first: float
@@ -175,11 +179,12 @@ FLIGHT_COMMANDS = {
     RESUME: FlightCommand(CommandCode.OVERRIDE_GOTO, GOTO_CONTINUE, 2),
     END: FlightCommand(CommandCode.LAND, 0, 0),
 }
-"""MAVLink command by which each request is sent over the link."""
+"""MAVLink command that is sent for each request (hold, resume, end), by the request's name."""
 
 
 def parse_request(flight_command: FlightCommand) -> str | None:
-    """Return the request in a command; DENIED if the request is not possible; None for other commands."""
+    """Return the hold, resume or end request in a command, DENIED if the request is not possible, or None for any other
+    command."""
     command, first, second = flight_command
     if command == CommandCode.LAND:
         return END
@@ -193,7 +198,7 @@ def parse_request(flight_command: FlightCommand) -> str | None:
 
 
 def parse_channels(message: Message) -> ReceiverChannels:
-    """Return pulse widths from RC_CHANNELS or RC_CHANNELS_OVERRIDE."""
+    """Return the pulse widths in a message RC_CHANNELS or RC_CHANNELS_OVERRIDE."""
     fields = message.fields()
     many = fields.get("chancount", CHANNELS)
     raw = [fields[f"chan{k + 1}_raw"] for k in range(CHANNELS)]
@@ -205,5 +210,5 @@ def parse_channels(message: Message) -> ReceiverChannels:
 
 
 def parse_joystick(message: Message) -> JoystickAxes:
-    """Return joystick axes from MANUAL_CONTROL. A value outside of +-1000 is a missing axis."""
+    """Return the joystick axes in a message MANUAL_CONTROL. A value outside ±1000 means that the axis is missing."""
     return JoystickAxes(*(v / 1000 if abs(v) <= 1000 else NAN for v in map(message.get, "xyzr")))

@@ -1,21 +1,24 @@
-"""Time stamps of signed packets. Sent stamps never repeat, not even after a restart. Each stamp is accepted once.
+"""Time stamps of signed packets. A program never sends the same time stamp twice, not even after a restart. A receiver
+accepts each time stamp once.
 
-A stamp is the time since 1 January 2015, in units of 10 us. The stamp stored beside the key is ten seconds ahead, so
-that it is rarely written. After a restart, stamps continue from the stored stamp. Time runs by the monotonic clock, so
-a stepped wall clock has no effect.
+A time stamp (short: stamp) is the time since 1 January 2015, in units of 10 us. The file beside the key stores a stamp
+ten seconds ahead, so that it is rarely written. After a restart, stamps continue from the stored stamp. Stamps follow
+the monotonic clock, so a step of the wall clock has no effect.
 
-Refused as replayed: a stamp that was accepted before from its stream (system, component, link); a stamp that is 250 ms
-or more behind the newest of its stream. For ordered packets also: a stamp that is not newer than all earlier ordered
-stamps of its stream.
-Refused as stale: a stamp that is not newer than this end's own stamp at its start, or over a minute behind this end.
-Refused as leading: a stamp over 40 s ahead of this end's clock. If accepted, this end's own and stored stamps would
-move up to it, and peers with the right clock would become stale. If the stored stamp itself is further ahead at the
-start, the limit is its lead plus 1 s, since peers have followed it. So a restart adds at most 1 s to a lead, or 11 s
-after a kill. A peer whose clock lags by less than that is refused until it has received a packet of this end: every
-MAVLink implementation moves its own stamp up to those it accepts.
-Source: https://mavlink.io/en/guide/message_signing.html, which lets a new stream start up to a minute back, so that
-packets recorded in the minute before a restart could be replayed; here they cannot. S. Kent, "IP encapsulating security
-payload", RFC 4303 (2005), section 3.4.3: packets that overtake one another, each accepted once.
+Refused as replayed: a stamp that was accepted before from the same stream (system, component, link), and a stamp that
+is 250 ms or more behind the newest stamp of the stream. A packet that must arrive in order is also refused if its stamp
+is not newer than the stamps of all earlier such packets of the stream.
+Refused as stale: a stamp that is not newer than this end's first stamp, or that is over a minute behind this end.
+Refused as leading: a stamp over 40 s ahead of this end's clock. If such a stamp were accepted, this end's own and
+stored stamps would move up to it, and stamps of peers with a correct clock would be refused as stale. If the stored
+stamp is further ahead when the program starts, the limit is the lead of the stored stamp plus 1 s, because peers have
+followed this stamp. So a restart adds at most 1 s to a lead, or 11 s if the program was killed. A peer whose clock lags
+by less than this lead is refused until it has received a packet of this end, because every MAVLink program moves its
+own stamp up to the stamps that it accepts.
+Source: https://mavlink.io/en/guide/message_signing.html, which lets a new stream start up to a minute in the past, so
+that packets recorded in the minute before a restart could be replayed. Here they are refused. S. Kent, "IP
+encapsulating security payload", RFC 4303 (2005), section 3.4.3: anti-replay window for packets that overtake one
+another.
 """
 
 import contextlib
@@ -37,23 +40,26 @@ EPOCH = 1_420_070_400
 """Start of the time stamps, 1 January 2015, in Unix time (s)."""
 PER_SECOND = 100_000
 MARGIN = 60 * PER_SECOND
-"""Largest accepted age of a stamp."""
+"""Largest accepted age of a time stamp (10 us)."""
 LONGEST_LATENESS = PER_SECOND // 4
-"""Largest accepted lag behind the newest stamp of a stream. A vehicle without data for this time stops by itself."""
+"""Largest accepted lag (10 us) of a stamp behind the newest stamp of its stream. A vehicle that gets no data for this
+time goes to a safe state."""
 STORE_MARGIN = 10 * PER_SECOND
-"""Lead of the stored stamp. After a kill, a sender is ahead of its peers by up to this time."""
+"""Lead (10 us) of the stored stamp over the last sent stamp. A program that was killed is ahead of its peers by up to
+this time after its restart."""
 MOST_LEAD = MARGIN - 2 * STORE_MARGIN
-"""Largest accepted lead of a stamp over this end's clock. Stamps of the right clock then never become stale."""
+"""Largest accepted lead (10 us) of a stamp over this end's clock. The limit ensures that stamps of a correct clock
+never become stale."""
 RESTART_LEAD = PER_SECOND
-"""Largest amount by which a restart may raise the limit on a lead."""
+"""Largest amount (10 us) by which a restart may increase the accepted lead."""
 LARGEST = 2**48 - 1
 DIGITS = 20
 MOST_STREAMS = 256
-"""Maximum number of streams that are remembered, so that a sender with the key cannot fill the memory."""
+"""Maximum number of streams whose stamps are remembered, so that a sender with the key cannot fill the memory."""
 
 
 class Refusal(Enum):
-    """Reason why a stamp is not accepted."""
+    """Reason why a time stamp is not accepted."""
 
     REPLAYED = "replayed"
     STALE = "stale"
@@ -61,13 +67,15 @@ class Refusal(Enum):
 
 
 def running_clock(clock: Clock = SYSTEM_CLOCK) -> Callable[[], float]:
-    """Return a function for the Unix time (s): the wall clock now, continued by the monotonic clock."""
+    """Return a function that returns the Unix time (s): the wall clock is read once, then continued by the monotonic
+    clock."""
     began, start = clock.unix(), clock.monotonic_ns()
     return lambda: began + (clock.monotonic_ns() - start) / NS_PER_SECOND
 
 
 class _Stream:
-    """Stamps accepted from one sender. A stamp is kept as long as stamps of the same age could still be accepted."""
+    """Time stamps accepted from one stream. A stamp is kept as long as stamps of the same age could still be
+    accepted."""
 
     def __init__(self, floor: int) -> None:
         self.newest = self.ordered = floor
@@ -96,10 +104,11 @@ class Stamps:
     def __init__(
         self, store: Path | None = None, clock: Callable[[], float] | None = None, *, is_reset: bool = False
     ) -> None:
-        """Start above the stored stamp and above the current time. store: file of the stamp; None: nothing is stored.
-        The file stays locked until close().
+        """Start above the stored stamp and above the current time. store: file for the stamp, which stays locked until
+        close(), or None to store no stamp.
 
-        is_reset: start with the current time and ignore the stored stamp, e.g. if a wrong clock stored a future stamp.
+        is_reset: True to start with the current time and ignore the stored stamp, e.g. if a program with a wrong clock
+        stored a future stamp.
         """
         self._clock, self._shift = clock or running_clock(), 0
         self._file = None if store is None else _open_store(store)
@@ -117,12 +126,12 @@ class Stamps:
         return min(max(int((self._clock() - EPOCH) * PER_SECOND) + self._shift, 0), LARGEST)
 
     def next_stamp(self) -> int:
-        """Return a stamp that is greater than all earlier ones."""
+        """Return a new time stamp, which is greater than all earlier time stamps of this end."""
         self._raise_to(min(max(self.last + 1, self._current_stamp()), LARGEST))
         return self.last
 
     def store_ahead(self) -> None:
-        """Store a future stamp if half of the margin is used up.
+        """Store a future stamp if less than half of the stored stamp's lead is left.
 
         Call this regularly, in a thread that may wait for the disk.
         """
@@ -130,7 +139,8 @@ class Stamps:
             self._write_store()
 
     def find_refusal(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> Refusal | None:
-        """Return the reason why a stamp of a stream (system, component, link) is refused, or None. Store nothing.
+        """Return the reason to refuse a stamp of a stream (system, component, link), or None if the stamp is
+        acceptable. Do not mark the stamp as accepted.
 
         ordered: True if the packet must not arrive after a newer ordered packet.
         """
@@ -144,17 +154,19 @@ class Stamps:
 
     @property
     def stored_lead(self) -> float:
-        """Lead (s) of this end's first stamp over its clock, because of the stored stamp."""
+        """Lead (s) of this end's first stamp over this end's clock, because of the stored stamp."""
         return max(self._floor - self._current_stamp(), 0) / PER_SECOND
 
     def lead(self, stamp: int) -> float:
-        """Return the lead (s) of a stamp over this end's own stamp; negative if the stamp is behind."""
+        """Return the lead (s) of a received stamp over this end's own stamp. The lead is negative if the received stamp
+        is behind."""
         return (stamp - max(self.last, self._current_stamp())) / PER_SECOND
 
     def follow(self, stamp: int) -> None:
-        """Continue from the other end's time stamp, ahead or behind this end's. The other end's answer must be current.
+        """Continue from a time stamp of the other end, even if it is behind this end's stamps. The stamp must be from a
+        current answer, not a replayed one.
 
-        From then on no stamp is stored, because the stamps are not those of this end's clock.
+        After this call no stamp is stored, because the stamps do not follow this end's clock.
         """
         self._shift += stamp - self._current_stamp()
         self._floor = self.last = stamp
@@ -163,7 +175,8 @@ class Stamps:
         self._close_file()
 
     def accept(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> None:
-        """Store the stamp of a packet with a valid signature. Raise this end's own stamp to it if that is smaller."""
+        """Mark the stamp of a packet with a valid signature as accepted. If this end's own stamp is smaller, raise it
+        to the accepted stamp."""
         if stream not in self._streams:
             if len(self._streams) >= MOST_STREAMS:
                 self._forget_oldest()
@@ -172,18 +185,19 @@ class Stamps:
         self._raise_to(max(self.last, stamp))
 
     def _forget_oldest(self) -> None:
-        """Forget the stream whose newest stamp is oldest. Its packets are stale from then on: no replay is possible."""
+        """Forget the stream whose newest stamp is oldest. From then on, packets of this stream are refused as stale, so
+        they cannot be replayed."""
         oldest = min(self._streams, key=lambda stream: self._streams[stream].newest)
         self._floor = max(self._floor, self._streams.pop(oldest).newest)
 
     def close(self) -> None:
-        """Store the current stamp without a lead, and release the file."""
+        """Store the current stamp without a lead, and close the file."""
         if self._file is not None:
             self._write_store(0)
         self._close_file()
 
     def abandon(self) -> None:
-        """Release the file without storing a stamp, as happens when a process dies."""
+        """Close the file without storing a stamp, as the system does when a process dies."""
         self._close_file()
 
     def _close_file(self) -> None:
@@ -204,7 +218,7 @@ class Stamps:
             os.fsync(self._file)
         except OSError:
             self.unsaved += 1
-            ceiling = self.last + PER_SECOND  # try to store again in a second
+            ceiling = self.last + PER_SECOND  # after a failure, try again in a second
         self._ceiling = ceiling
 
 
@@ -214,7 +228,7 @@ def _open_store(store: Path) -> int:
         store.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         file = os.open(store, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
     except OSError as error:
-        problem = f"cannot be written: {error.strerror or error}"
+        problem = f"the file cannot be written: {error.strerror or error}"
         raise InputError(where, problem, fix="keep the key file in a folder that you can write") from None
     try:
         if fcntl is not None:
@@ -235,5 +249,5 @@ def _read_store(file: int, store: Path) -> int:
         if 0 <= stamp <= LARGEST:
             return stamp
     os.close(file)
-    problem = f"contains {text[:32]!r} instead of a time stamp"
+    problem = f"the file contains {text[:32]!r} instead of a time stamp"
     raise InputError(f"time stamps '{store}'", problem, fix=f"rm '{store}'  on a machine whose clock is right")

@@ -1,12 +1,13 @@
 """Estimate of the other end's clock, its offset and drift, from TIMESYNC exchanges with short round trips.
 
-A request leaves this end at t0, is answered at the time r of the other clock, and the answer arrives at t1:
+A request leaves this end at t0. The other end answers at the time r of its clock. The answer arrives at this end at t1:
 
     offset = r - (t0 + t1)/2        |error| <= (t1 - t0)/2        local = remote - offset
 
-The error is half the difference between the delays of the two directions. So exchanges with short round trips count
-more. A line is fitted to the offsets of the last minute, each weighted by 1/(excess over the shortest round trip)^2.
-The offset applied in `to_local` moves towards that line by at most 1 ms a second, so increasing times stay increasing.
+The error is half the difference between the delays of the two directions. So exchanges with short round trips have a
+larger weight. A straight line is fitted to the offsets of the last minute, each weighted by 1/(excess over the shortest
+round trip)^2. The offset used by `to_local` approaches this line by at most 1 ms a second, so that increasing times
+stay increasing.
 Source: D. L. Mills, "Internet time synchronization: the network time protocol", IEEE Trans. Communications 39 (1991),
 section V (minimum filter); https://mavlink.io/en/services/timesync.html.
 """
@@ -20,19 +21,21 @@ NS_PER_UNIT = 100
 WINDOW = seconds(60)
 LONGEST_WAIT = seconds(10)
 JUMP = seconds("0.5")
-"""Change of the offset, in excess of its error bound, above which the other clock counts as set or replaced."""
+"""Change of the measured offset (100 ns), in excess of its error bound, above which the other clock counts as set or
+replaced."""
 SLEW = 1e-3
-"""Fastest change of the applied offset (s/s)."""
+"""Maximum rate of change (s/s) of the offset that is used in conversions."""
 HORIZON = seconds(1)
 FLOOR = 0.1, ms("0.01")
-"""Excess round trip that is treated as zero: a fraction of the shortest round trip, plus a time."""
+"""Excess over the shortest round trip that is still treated as zero: a fraction of the shortest round trip, plus a time
+(100 ns)."""
 DRIFT = 1e-4
-"""Assumed standard deviation of the drift between two clocks."""
+"""Assumed standard deviation of the drift between two clocks (s/s)."""
 EXCHANGES_MAX = 600
 
 
 class TimeSyncExchange(NamedTuple):
-    """Request and its answer: time of the other clock, measured offset, and round-trip time (100 ns)."""
+    """Result of a request and its answer: time of the other clock, measured offset, and round-trip time (100 ns)."""
 
     remote: int
     offset: float
@@ -40,30 +43,31 @@ class TimeSyncExchange(NamedTuple):
 
 
 class OffsetLine(NamedTuple):
-    """Line through measured offsets: offset(r) = offset + drift (r - at)."""
+    """Straight line through measured offsets, over the time r of the other clock: offset(r) = offset + drift (r -
+    at)."""
 
     at: int
     offset: float
     drift: float
 
     def value(self, remote: int) -> float:
-        """Return the offset at a time of the other clock."""
+        """Return the offset (100 ns) at a time of the other clock."""
         return self.offset + self.drift * (remote - self.at)
 
 
 class TimeSync:
-    """Estimate of the other end's clock. All times are integers of 100 ns."""
+    """Estimator of the other end's clock. All times are integers of 100 ns."""
 
     def __init__(self) -> None:
-        """Start without any exchange."""
+        """Start before the first exchange with the other end."""
         self._asked: deque[int] = deque(maxlen=16)
         self._exchanges: deque[TimeSyncExchange] = deque(maxlen=EXCHANGES_MAX)
         self._line = OffsetLine(0, 0.0, 0.0)
         self._from, self._applied, self._turn, self._after = 0, 0.0, 0.0, 0.0
         self.doubles = 0
-        """Number of requests that two different clocks answered.
+        """Number of requests that were answered by two different clocks.
 
-        Duplicate packets come from one clock and do not count.
+        Duplicate packets contain the time of one clock and do not count.
         """
         self._answered: tuple[int, int, int] = -1, 0, 0
         self._doubtful: TimeSyncExchange | None = None
@@ -71,19 +75,20 @@ class TimeSync:
         self._latest: int | None = None
         self._not_before: int | None = None
         self.refused = 0
-        """Number of rejected answers: they match no request of this end, or came too late."""
+        """Number of rejected answers, which matched no request of this end or arrived too late."""
         self.jumps = 0
         """Number of times that the other clock was set or replaced, as confirmed by two consecutive exchanges."""
 
     @property
     def is_doubtful(self) -> bool:
-        """True if the last exchange disagrees with the earlier ones. The next request should then follow soon."""
+        """True if the offset of the last exchange disagrees with earlier exchanges. The next request should then follow
+        soon."""
         return self._doubtful is not None
 
     def is_open(self, ts1: int) -> bool:
         """Return True if this end has sent a request with this `ts1` and has received no answer yet.
 
-        An answer to this request is then current, not replayed.
+        If so, an answer to this request is current, not replayed.
         """
         return ts1 // NS_PER_UNIT in self._asked
 
@@ -94,7 +99,7 @@ class TimeSync:
 
     @property
     def offset(self) -> float:
-        """Estimate of the other clock minus this clock at the newest exchange (100 ns)."""
+        """Estimated offset (100 ns) at the newest exchange: the other clock minus this clock."""
         return self._line.offset
 
     @property
@@ -104,11 +109,13 @@ class TimeSync:
 
     @property
     def shortest(self) -> int:
-        """Shortest round trip of the last minute (100 ns); half of it bounds the error. 0 before the first exchange."""
+        """Shortest round trip of the last minute (100 ns), or 0 before the first exchange. The error of the offset is
+        at most half of this time."""
         return min((e.round_trip for e in self._exchanges), default=0)
 
     def ask(self, now: int) -> dict[str, int]:
-        """Return the fields of a TIMESYNC request. Send many requests until the clock is known, then one a second."""
+        """Return the fields of a TIMESYNC request. Send requests at a high rate until the clock is known, then one a
+        second."""
         self._asked.append(now)
         return {"tc1": 0, "ts1": now * NS_PER_UNIT}
 
@@ -144,7 +151,7 @@ class TimeSync:
         self._last, self._not_before = None, self._latest
 
     def _turn_offset(self, remote: int) -> None:
-        """Change the offset continuously from the last converted time, so that earlier results stay valid."""
+        """Change the used offset towards the new line, from the last converted time on and without a jump."""
         drift = min(max(self._line.drift, -SLEW), SLEW)
         if self._last is None:
             self._from, self._applied, self._turn = remote, self._line.value(remote), drift
@@ -155,18 +162,20 @@ class TimeSync:
         self._after = drift
 
     def _offset_at(self, remote: int) -> float:
-        """Return the applied offset. It approaches the line for one HORIZON, then follows the line's drift."""
+        """Return the offset that is used in conversions at a time of the other clock. It approaches the fitted line for
+        one HORIZON, then changes with the line's drift."""
         since = remote - self._from
         return self._applied + self._turn * min(since, HORIZON) + self._after * max(since - HORIZON, 0)
 
     def show_local(self, remote: int) -> int:
-        """Convert a time of the other clock like `to_local`, but change no state, since the time may be rejected."""
+        """Convert a time of the other clock like `to_local`, but change no state, because the caller may reject the
+        time."""
         local = round(remote - self._offset_at(remote))
         return local if self._not_before is None else max(local, self._not_before)
 
     def to_local(self, remote: int) -> int:
-        """Convert an accepted time of the other clock to this clock. Increasing times stay increasing, even if a clock
-        jumps.
+        """Convert an accepted time of the other clock to this clock. Increasing times stay increasing, even if the
+        other clock jumps.
 
         Before the first exchange, the time is returned unchanged.
         """
@@ -177,7 +186,7 @@ class TimeSync:
         return local
 
     def to_remote(self, local: int) -> int:
-        """Convert a time of this clock to the other clock, the inverse of `to_local`."""
+        """Convert a time of this clock to the other clock. This is the inverse of `to_local`."""
         near = local + self._offset_at(local + round(self._applied))
         return round(local + self._offset_at(round(near)))
 
@@ -187,7 +196,8 @@ def _is_other_clock(exchange: TimeSyncExchange, offset: float) -> bool:
 
 
 def fit_offset_line(exchanges: list[TimeSyncExchange]) -> OffsetLine:
-    """Return the weighted line through the offsets, at the newest exchange. Few exchanges give a drift near zero."""
+    """Return the weighted straight line through the measured offsets, with the newest exchange as reference. With few
+    exchanges, the estimated drift is near zero."""
     shortest = min(e.round_trip for e in exchanges)
     least = FLOOR[0] * shortest + FLOOR[1]
     weights = [(least / (least + e.round_trip - shortest)) ** 2 for e in exchanges]

@@ -1,9 +1,9 @@
-"""Virtual vehicle as the physics of ArduPilot's SITL: it moves by the servo pulses in ArduPilot's frames, and answers
-each frame with its motion.
+"""Virtual vehicle that replaces the physics of ArduPilot's SITL. The servo pulses in ArduPilot's frames move the
+vehicle, and each frame is answered with the vehicle's motion.
 
-Virtual time stands still between two frames, so that neither side waits for a clock. A repeated frame gets the same
-answer again. While frames are missing, the vehicle flies with the last received pulses. A frame count that restarts
-begins a new flight. Source: docs page, ArduPilot.
+Virtual time advances only when a frame arrives, so neither ArduPilot nor the vehicle waits for a clock. A repeated
+frame gets the same answer again. If frames are missing, the vehicle flies with the last received pulses. If the frame
+count restarts, a new flight begins. Source: docs page, ArduPilot.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,30 +21,44 @@ from trimtab.flight.transports.udp import UdpLink
 from trimtab.loop.scenario import Scenario
 
 LISTEN_S = 0.1
-"""Longest wait for a packet (s) before `stop` is called again."""
+"""Longest time (s) to wait for a packet before `stop` is called again."""
 SILENCE_S = 2.0
-"""Time without a frame (s) after which another sender is accepted: ArduPilot uses a new port after a restart."""
+"""Time (s) without a frame after which another sender is accepted, because ArduPilot uses a new port after a
+restart."""
 LATE_FRAMES, FIRST_COUNTS = 16, 2
-"""If the frame count falls by at most LATE_FRAMES, the packet is late. A larger fall, or a fall below FIRST_COUNTS, is
-a restart.
+"""Limits of the frame count of a packet. If the count decreases by at most LATE_FRAMES, the packet is late. If it
+decreases by more, or to a count below FIRST_COUNTS, ArduPilot has restarted.
 """
 
 OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     "firmware.held": (
         "?",
-        Quantity("1", "The vehicle is held in place until its servo pulses leave their rest position.", kind="flag"),
+        Quantity(
+            "1",
+            "True while the vehicle is held in place, until its servo pulses leave their rest position.",
+            kind="flag",
+        ),
     ),
-    "ardupilot.frame": ("i8", Quantity("1", "Number of ArduPilot's newest frame.", kind="count")),
-    "ardupilot.missed": ("i8", Quantity("1", "Frames missed so far, by gaps in the numbers.", kind="count")),
-    "ardupilot.repeated": ("i8", Quantity("1", "Repeated frames so far.", kind="count")),
-    "ardupilot.refused": ("i8", Quantity("1", "Packets refused so far: invalid or from another sender.", kind="count")),
+    "ardupilot.frame": ("i8", Quantity("1", "Frame count of ArduPilot's newest frame.", kind="count")),
+    "ardupilot.missed": (
+        "i8",
+        Quantity("1", "Number of frames missed so far, counted from gaps in the frame counts.", kind="count"),
+    ),
+    "ardupilot.repeated": ("i8", Quantity("1", "Number of repeated frames so far.", kind="count")),
+    "ardupilot.refused": (
+        "i8",
+        Quantity(
+            "1", "Number of packets refused so far because they are invalid or from another sender.", kind="count"
+        ),
+    ),
 }
-"""Signals of the log in addition to the signals of the world."""
+"""Signals of the vehicle's log, in addition to the signals of the simulated world."""
 
 
 @dataclass
 class FrameTally:
-    """Counts of packets by kind. foreign: from another sender.  late: older than a frame that was already used."""
+    """Counts of received packets of each kind. foreign: packets from another sender.  late: packets older than a frame
+    that was already used."""
 
     frames: int = 0
     repeated: int = 0
@@ -55,7 +69,7 @@ class FrameTally:
 
 
 class ArduPilotPhysics:
-    """Vehicle that answers ArduPilot's frames. The method `serve` runs it."""
+    """Virtual vehicle that answers ArduPilot's frames. The method `serve` runs the vehicle."""
 
     def __init__(
         self, scenario: Scenario, vehicle: PulsedVehicle, link: UdpLink, *, seed: int = 0, clock: Clock = SYSTEM_CLOCK
@@ -65,7 +79,7 @@ class ArduPilotPhysics:
         Args:
             scenario: scenario of the vehicle, for its log.
             vehicle: vehicle that ArduPilot flies.
-            link: link that ArduPilot sends to.
+            link: listening end of the link to ArduPilot.
             seed: seed of the vehicle, for its log.
             clock: clock of this process.
         """
@@ -89,12 +103,13 @@ class ArduPilotPhysics:
         """Answer ArduPilot's frames until `duration` (100 ns) after the release, or until stop() returns True.
 
         Args:
-            duration: time from the vehicle's release to the end (100 ns); None: no end.
+            duration: time (100 ns) from the vehicle's release to the end, or None to run until stop() returns True.
             log: path of the log. The log of a second flight is called NAME-2, and so on.
             log_period: time between rows (100 ns).
-            stop: function called at every packet, and ten times a second; the result True ends the run.
+            stop: function called at every packet, and ten times a second. If it returns True, the run ends.
             tell: function that receives the messages for the user.
-            lost_lines: function that returns how many of these messages were lost; called at the end.
+            lost_lines: function that returns the number of messages to the user that were lost. It is called at the
+                end.
         """
         flights = self._flights
         flights.prepare(log, tell, log_period)
@@ -131,7 +146,7 @@ class ArduPilotPhysics:
             self.link.reply(self._answer)
 
     def _follow(self, frame: PulsePacket) -> bool:
-        """Move the vehicle by a frame. Return True if the frame gets an answer; a late frame gets none."""
+        """Advance the vehicle by a frame. Return True if the frame must be answered. A late frame is not answered."""
         ahead = 0 if self._last is None else (frame.number - self._last.number) % COUNTS
         if self._last is not None and ahead == 0:
             self.tally.repeated += 1
@@ -146,15 +161,15 @@ class ArduPilotPhysics:
         return True
 
     def _move(self, frame: PulsePacket, ahead: int) -> None:
-        """Advance the vehicle by `ahead` frames, of which only the last has arrived.
+        """Advance the vehicle by `ahead` frames, of which only the last frame has arrived.
 
-        A gap advances the time by at most one second.
+        If frames are missing, time advances by at most one second.
         """
         vehicle, step, lost = self.vehicle, UNITS_PER_SECOND // frame.rate, max(ahead - 1, 0)
         self.tally.frames += 1
         self.tally.missed += lost
         if lost:
-            self._flights.report_once("ArduPilot frames were lost: the last pulses were kept")
+            self._flights.report_once("frames of ArduPilot were lost: the vehicle kept the last pulses")
         for _ in range(min(lost, frame.rate)):
             vehicle.advance(vehicle.body.t + step, self._write_row)
         self._last = frame
@@ -167,7 +182,7 @@ class ArduPilotPhysics:
         self._answer = format_state(to_seconds(vehicle.body.t), state)
 
     def _begin_flight(self, frame: PulsePacket) -> None:
-        """Reset the vehicle to its first state, and start a new log."""
+        """Reset the vehicle to its initial state, and start a new log."""
         self._flights.begin(f"ArduPilot at {_name(self._owner)}, from frame {frame.number} on, {frame.rate} Hz")
 
     def _write_row(self, t: int) -> None:
@@ -178,5 +193,5 @@ class ArduPilotPhysics:
 
 
 def _name(place: Any) -> str:
-    """Return host and port of an address."""
+    """Return the host and the port of an address as text."""
     return f"{place[0]}:{place[1]}"

@@ -1,10 +1,11 @@
-"""Messages between ArduPilot's SITL and its physics: servo pulses as a packet, the motion as a line of JSON.
+"""Messages between ArduPilot's SITL and a physics simulator: ArduPilot sends servo pulses as a packet, and the
+simulator answers with the motion as a line of JSON.
 
     uint16 magic, 18458 with 16 channels or 29569 with 32      uint16 frame rate (Hz)      uint32 frame count
     uint16 pulse of each channel (µs)                          all little-endian
 
-The answer is a line of JSON between two line feeds. ArduPilot searches for the keys as text. So no space follows a
-colon, and no key starts like an earlier key.
+The answer is a line of JSON between two line feeds. ArduPilot searches the text for the keys. So the text has no space
+after a colon, and no key begins with the name of an earlier key.
 
 Source: https://github.com/ArduPilot/ardupilot/blob/master/libraries/SITL/examples/JSON/readme.md.
 """
@@ -16,17 +17,17 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 CHANNELS_OF: Mapping[int, int] = {18458: 16, 29569: 32}
-"""Number of channels of a packet, by the packet's magic number."""
+"""Number of servo channels in a packet, by the packet's magic number."""
 MOST_CHANNELS = 32
 HEAD = struct.Struct("<HHI")
 COUNTS = 2**32
-"""Number of values of the frame count, which wraps around to zero."""
+"""Number of different values of the frame count, which then wraps around to zero."""
 
 
 class PulsePacket(NamedTuple):
     """Servo packet from ArduPilot.
 
-    rate: frame rate (Hz); number: frame count; pulses: pulse width of each channel (µs), 0: no pulse.
+    rate: frame rate (Hz).  number: frame count.  pulses: pulse width of each channel (µs), or 0 for no pulse.
     """
 
     rate: int
@@ -35,9 +36,10 @@ class PulsePacket(NamedTuple):
 
 
 class PhysicsState(NamedTuple):
-    """Motion of the vehicle, for ArduPilot or PX4.
+    """Motion of the vehicle that is sent to ArduPilot or PX4.
 
-    Position and velocity are in W, attitude is roll, pitch, yaw (rad), other vectors are in B; SI units.
+    Position and velocity are in the world frame W. The attitude is roll, pitch and yaw (rad). Other vectors are in the
+    body frame B. All values are in SI units.
     """
 
     specific_force: Sequence[float]
@@ -49,13 +51,13 @@ class PhysicsState(NamedTuple):
 
     @property
     def is_finite(self) -> bool:
-        """Return whether all values are finite numbers."""
+        """Return True if all values are finite numbers."""
         vectors = self.specific_force, self.angular_rate, self.position, self.attitude, self.velocity
         return all(math.isfinite(x) for v in (*vectors, (self.airspeed,)) for x in v)
 
 
 def parse_servos(packet: bytes) -> PulsePacket | str:
-    """Return the content of a servo packet from ArduPilot, or a text that says why the packet is not valid."""
+    """Return the content of a servo packet from ArduPilot, or a text with the reason if the packet is not valid."""
     if len(packet) < HEAD.size:
         return f"a packet of {len(packet)} bytes is too short for an ArduPilot frame"
     magic, rate, count = HEAD.unpack_from(packet)
@@ -64,7 +66,7 @@ def parse_servos(packet: bytes) -> PulsePacket | str:
         return f"the packet starts with {magic}; ArduPilot frames start with {' or '.join(map(str, CHANNELS_OF))}"
     length = HEAD.size + 2 * channels
     if len(packet) != length:
-        return f"{len(packet)} bytes; a frame of {channels} channels must have {length}"
+        return f"the packet has {len(packet)} bytes, but a frame of {channels} channels must have {length} bytes"
     if rate == 0:
         return "the frame rate is zero; set ArduPilot's SIM_RATE_HZ"
     return PulsePacket(rate, count, struct.unpack_from(f"<{channels}H", packet, HEAD.size))
@@ -85,5 +87,5 @@ def format_state(t: float, state: PhysicsState) -> bytes:
 
 
 def wrap_turn(angle: float) -> float:
-    """Return an angle wrapped to between minus and plus half a turn."""
+    """Return an angle (rad) wrapped to the range from -pi to pi."""
     return math.remainder(angle, 2 * math.pi)

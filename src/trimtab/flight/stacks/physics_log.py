@@ -1,4 +1,4 @@
-"""Flights of a vehicle that ArduPilot or PX4 flies: one log per flight, and messages for the user."""
+"""Logs and messages for the flights of a virtual vehicle that ArduPilot or PX4 flies. Each flight has its own log."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,11 +12,12 @@ from trimtab.logs.stream import LogFileSummary
 from trimtab.loop.scenario import Scenario
 
 MOST_TOLD = 100
-"""Maximum number of different messages that are reported once, so that a flood cannot fill terminal and log."""
+"""Maximum number of different messages to report, so that a flood of faulty packets cannot fill terminal and log."""
 
 
 class PhysicsSummary(NamedTuple):
-    """Result of all flights. t, release_time (None: never released), log and file belong to the last flight.
+    """Result of all flights. t, release_time (None if the vehicle was never released), log and file belong to the last
+    flight.
 
     tally: a dataclass that counts the received packets.
     """
@@ -31,9 +32,9 @@ class PhysicsSummary(NamedTuple):
 
 
 class PhysicsFlights:
-    """Logs, messages and problems of the flights so far.
+    """Record of all flights of a virtual vehicle: logs, messages and problems.
 
-    summary: summary of the last log. problems: problems of all logs, and problems passed to `add_problem`.
+    summary: summary of the last log.  problems: problems of all logs, and problems passed to `add_problem`.
     """
 
     def __init__(
@@ -47,9 +48,10 @@ class PhysicsFlights:
         period: int = ms(1),
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """signals: signals of the log in addition to the signals of the world.
+        """signals: declarations of the log signals in addition to the signals of the simulated world.
 
-        file: log of the first flight; the log of the second flight is NAME-2. period: time between rows (100 ns).
+        file: path of the first flight's log, or None for no log. The log of the second flight is called NAME-2.
+        period: time between log rows (100 ns).
         """
         self.scenario, self.vehicle, self.signals, self.seed = scenario, vehicle, signals, seed
         self.file, self.period, self.tell = file, period, tell
@@ -62,12 +64,12 @@ class PhysicsFlights:
         """Prepare for the first flight.
 
         file: path of the first flight's log.  tell: function that receives the messages for the user.  period: time
-        between rows (100 ns).
+        between log rows (100 ns).
         """
         self.file, self.tell, self.period = file, tell, self.period if period is None else period
 
     def begin(self, text: str) -> None:
-        """Begin a new flight, from the vehicle's first state. text: message that announces the flight."""
+        """Begin a new flight from the vehicle's initial state. text: message that announces the flight."""
         self.close()
         if self.count:
             self.vehicle.reset()
@@ -84,7 +86,8 @@ class PhysicsFlights:
         return self.file.with_name(f"{self.file.stem}-{self.count}{self.file.suffix}")
 
     def write_row(self, t: int, values: Sequence[Any]) -> None:
-        """Write the log row of the last instant before t, if a row is due. values: values of `signals`."""
+        """Write the log row of the last instant before t, if a row is due. values: values of the signals in
+        `signals`."""
         body = self.vehicle.body
         if self._log is None or not t or body.row_t % self.period:
             return
@@ -105,13 +108,13 @@ class PhysicsFlights:
             self._log.write_event(text)
 
     def report_once(self, text: str) -> None:
-        """Report a line of text, unless the same line was reported before."""
+        """Report a line of text, unless the same line was already reported."""
         if text not in self._told and len(self._told) < MOST_TOLD:
             self._told.add(text)
             self.report(text)
 
     def add_problem(self, text: str) -> None:
-        """Report a problem that ends the flight and makes the exit code 1."""
+        """Report a problem that ends the flight and sets the program's exit code to 1."""
         self.problems.append(text)
         self.report(text)
 

@@ -1,7 +1,8 @@
-"""Virtual vehicle that another autopilot (ArduPilot, PX4) moves by servo pulses, and the motion sent to that autopilot.
+"""Virtual vehicle that another autopilot (ArduPilot, PX4) controls by servo pulses, and the vehicle's motion for this
+autopilot.
 
-The vehicle is held in place until its pulses leave their rest position, because the model has no ground to stand on.
-After the release it continues from the scenario's first state. Source: docs pages, ArduPilot and PX4.
+The vehicle is held in place until its pulses leave their rest position, because the model has no ground. After the
+release the vehicle moves from the scenario's initial state. Source: docs pages, ArduPilot and PX4.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,19 +29,20 @@ from trimtab.run.cosimulation import prepare_world
 from trimtab.sensors.imu import Imu
 
 REST_BAND = 20e-6
-"""Largest difference from the pulses at rest (s) that still counts as rest."""
+"""Largest deviation (s) of a pulse width from its rest position that still counts as rest."""
 HALF = 0.5
 FORCE, RATE = "specific_force", "angular_rate"
 
 
 class PulsedVehicle:
-    """Compiled world, moved by servo pulses. The first call of `advance` must be to time 0.
+    """Compiled simulation of a vehicle that servo pulses control. The first call of `advance` must be to time 0.
 
     Args:
         scenario: scenario of the vehicle.
         seed: seed of the random numbers.
-        channels: for each number of a command, number of the autopilot's channel, from 1; empty: 1, 2, and so on.
-        release: pulse width (s) that releases the vehicle; None: any pulse that is not at rest.
+        channels: number of the autopilot's channel (1, 2, …) for each element of the command. If it is empty, the
+            channels are 1, 2, and so on.
+        release: pulse width (s) that releases the vehicle, or None if any pulse that is not at rest releases it.
         door: name of the argument to which error messages refer.
         most_channels: number of channels of the autopilot.
     """
@@ -72,7 +74,7 @@ class PulsedVehicle:
         self.reset()
 
     def reset(self) -> None:
-        """Reset the vehicle to the scenario's first state, held in place."""
+        """Reset the vehicle to the scenario's initial state, and hold it in place."""
         self._world.reset()
         self.body = VirtualVehicle(self._scenario, self._dialect, self._world)
         self._instants: Iterator[int] = self.body.instants()
@@ -82,11 +84,11 @@ class PulsedVehicle:
 
     @property
     def imu(self) -> str:
-        """Name of the sensor whose samples the autopilot gets, or "" if the autopilot gets the true motion."""
+        """Name of the sensor whose samples are sent to the autopilot, or "" if the true motion is sent."""
         return "" if self._imu is None else self._imu.name
 
     def set_pulses(self, pulses: Sequence[int]) -> None:
-        """Set the widths of all channels (µs) from now on. A channel without a pulse gets its safe value."""
+        """Set the widths of all channels (µs) from now on. For a channel without a pulse, the safe value is set."""
         widths = np.array([pulses[c - 1] for c in self.channels]) * 1e-6
         widths = np.where(widths > 0, widths, self._safe)
         inputs, reads = self._world.inputs, self._world.reads
@@ -104,9 +106,9 @@ class PulsedVehicle:
         return bool((widths >= self._release).any())
 
     def advance(self, t: int, tell_row: Callable[[int], None] = lambda _: None) -> None:
-        """Advance to integer time t through all instants in between.
+        """Advance the simulation to integer time t, through all instants until t.
 
-        tell_row: function that is called with each instant.
+        tell_row: function that is called with the time of each instant.
         """
         while self._due <= t:
             self._step(self._due)
@@ -135,7 +137,8 @@ class PulsedVehicle:
 
 
 def _physics_block(scenario: Scenario) -> BlockDefinition:
-    """Define the block that computes `PhysicsState`: `motion_block` with an ideal IMU, at rest while held."""
+    """Define the block that computes `PhysicsState`, the motion with samples of an ideal IMU. While the vehicle is
+    held, the motion is at rest."""
     motion_of, ideal = motion_block(scenario), Imu()
 
     def step(p: Any, s: Any, now: Any) -> Any:
@@ -160,7 +163,7 @@ def _physics_block(scenario: Scenario) -> BlockDefinition:
 
 
 def _check_channels(channels: Sequence[int], outputs: Sequence[PulseOutput], most: int) -> tuple[int, ...]:
-    """Return a channel for each output. Raise InputError for wrong channels."""
+    """Return the number of the autopilot's channel for each output. Raise InputError if `channels` is not valid."""
     usual = tuple(range(1, len(outputs) + 1))
     if not channels:
         return usual
@@ -168,21 +171,21 @@ def _check_channels(channels: Sequence[int], outputs: Sequence[PulseOutput], mos
     part, listed = argument_name("channels"), ",".join(map(str, usual))
     fix = f"{argument('channels', listed)}, or the same numbers in another order"
     if len(channels) != len(outputs):
-        problem = f"{len(channels)} channels for {len(outputs)} numbers of a command: {names}"
+        problem = f"got {len(channels)} channels for the {len(outputs)} elements of a command: {names}"
         raise InputError(part, problem, fix=fix)
     if len(set(channels)) < len(channels) or not all(1 <= c <= most for c in channels):
-        problem = f"{','.join(map(str, channels))} must be different channels from 1 to {most}"
+        problem = f"the channels must be different numbers from 1 to {most}, got {','.join(map(str, channels))}"
         raise InputError(part, problem, fix=fix)
     return tuple(channels)
 
 
 def _read_table(o: PulseOutput) -> tuple[Any, Any]:
-    """Return increasing pulse widths (s), and the value of the output for each width."""
+    """Return the pulse table of an output: increasing pulse widths (s), and the output's value for each width."""
     widths, values = np.asarray(o.pulse.widths, float), np.asarray(o.pulse.values, float)
     order = np.argsort(widths)
     return widths[order], values[order]
 
 
 def _slot(o: PulseOutput, reads: Mapping[str, Any], size: int) -> int:
-    """Return the index, in the inputs of a world, of the number that an output sets."""
+    """Return the index, in the inputs of the compiled world, of the command element that an output sets."""
     return int(np.atleast_1d(np.arange(size)[reads[f"command.value.{o.path}"]])[o.slot or 0])

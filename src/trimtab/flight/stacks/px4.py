@@ -1,7 +1,8 @@
-"""Virtual vehicle as the simulator that PX4's SITL connects to: it sends sensor data, and moves by PX4's answers.
+"""Virtual vehicle that serves as the simulator of PX4's SITL: it sends sensor data and follows PX4's answers.
 
-In lockstep, PX4 waits for each sample and the vehicle for each answer, so that neither waits for a clock. Before the
-first answer, and while PX4 runs by its clock, samples are sent in real time. A new connection begins a new flight.
+In lockstep, PX4 waits for each sample and the vehicle waits for each answer, so neither waits for a clock. Before the
+first answer, and while PX4 runs by its own clock, samples are sent in real time. Each new connection begins a new
+flight.
 Source: docs page, PX4.
 """
 
@@ -45,38 +46,45 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.command_pulses import PulseOutput
 
 ORIGIN = "38.9897,-76.9378,20"
-"""Geographic position of the origin of the world frame W. There, the magnetic field that PX4 derives from the position
-is COLLEGE_PARK.
+"""Geographic position of the origin of the world frame W: latitude and longitude (degrees), height (m). From this
+position PX4 derives the magnetic field COLLEGE_PARK.
 """
 STEP, SLOW_SAMPLES, FIX_SAMPLES = ms(4), 5, 25
-"""Time between samples of the inertial unit, as in PX4's own simulators; number of these samples between samples of the
-slower sensors; number of these samples between position fixes.
+"""Period of the inertial unit's samples (100 ns), as in PX4's own simulators. The other two numbers are the periods of
+the slower sensors and of the position fixes, in samples of the inertial unit.
 """
 START = ms(1000)
-"""Time of the first sample. PX4 adopts this time, and treats 0 as an unknown time."""
+"""Time of the first sample (100 ns). PX4 adopts this time as its own. It is not 0, because PX4 treats 0 as an unknown
+time."""
 LISTEN_S, SILENCE_S = 0.1, 1.0
-"""Longest wait for a connection before `stop` is called again; longest wait for an answer of PX4 to a sample (s)."""
+"""Longest time (s) to wait for a connection before `stop` is called again, and longest time (s) to wait for PX4's
+answer to a sample."""
 RATE_NOISE, FORCE_NOISE, FIELD_NOISE, PRESSURE_NOISE = np.radians(2000 / 32768), 9.80665 / 2048, 1e-7, 1.0
-"""Standard deviations of the sensor noise (rad/s, m/s², T, Pa). The first two are one step of PX4's simulated
-converters; the others are our own choice. PX4 treats a sensor with constant samples as dead."""
+"""Standard deviations of the sensor noise: rate (rad/s), specific force (m/s²), magnetic field (T), pressure (Pa). The
+first two are the resolution of PX4's simulated sensors. The other two are chosen here. Noise is needed because PX4
+treats a sensor with constant samples as dead."""
 SYSTEM, COMPONENT = 1, 200
 
 OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     "firmware.held": (
         "?",
-        Quantity("1", "The vehicle is held in place until its servo pulses leave their rest position.", kind="flag"),
+        Quantity(
+            "1",
+            "True while the vehicle is held in place, until its servo pulses leave their rest position.",
+            kind="flag",
+        ),
     ),
     "px4.armed": ("?", Quantity("1", "PX4 is armed.", kind="flag")),
-    "px4.unanswered": ("i8", Quantity("1", "Samples so far that PX4 did not answer in time.", kind="count")),
+    "px4.unanswered": ("i8", Quantity("1", "Number of samples so far that PX4 did not answer in time.", kind="count")),
 }
-"""Signals of the log in addition to the signals of the world."""
+"""Signals of the vehicle's log, in addition to the signals of the simulated world."""
 
 
 @dataclass
 class AnswerTally:
-    """Counts of samples sent and of answers.
+    """Counts of samples sent to PX4, and of PX4's answers.
 
-    unanswered: samples that PX4 did not answer in time; the simulation then continued without an answer.
+    unanswered: samples that PX4 did not answer in time. The simulation then continued without an answer.
     """
 
     samples: int = 0
@@ -87,7 +95,7 @@ class AnswerTally:
 
 
 class Px4Simulator:
-    """Vehicle that PX4 flies. The method `serve` runs it."""
+    """Virtual vehicle that PX4 flies. The method `serve` runs the vehicle."""
 
     def __init__(
         self,
@@ -103,7 +111,7 @@ class Px4Simulator:
         Args:
             scenario: scenario of the vehicle, for its log.
             vehicle: vehicle that PX4 flies.
-            link: link that PX4 connects to.
+            link: listening end of the link to PX4.
             seed: seed of the noise.
             clock: clock of this process.
         """
@@ -135,11 +143,12 @@ class Px4Simulator:
         """Fly until `duration` (100 ns) after the vehicle's release, or until stop() returns True.
 
         Args:
-            duration: time from the vehicle's release to the end (100 ns); None: no end.
+            duration: time (100 ns) from the vehicle's release to the end, or None to run until stop() returns True.
             log: path of the log. The log of a second flight is called NAME-2, and so on.
-            stop: function called at every sample, and ten times a second; the result True ends the run.
+            stop: function called at every sample, and ten times a second. If it returns True, the run ends.
             tell: function that receives the messages for the user.
-            lost_lines: function that returns how many of these messages were lost; called at the end.
+            lost_lines: function that returns the number of messages to the user that were lost. It is called at the
+                end.
         """
         self._flights.prepare(log, tell)
         connection = -1
@@ -162,7 +171,7 @@ class Px4Simulator:
         return duration is not None and release is not None and self.vehicle.body.t - release >= duration
 
     def _now(self) -> int:
-        """Return the current time as sent to PX4: from START on, in 100 ns."""
+        """Return the current time (100 ns) as sent to PX4. It starts at START."""
         return START + self.vehicle.body.t
 
     def _send_sample(self) -> None:
@@ -202,7 +211,7 @@ class Px4Simulator:
         return noisy, spoilt
 
     def _await_answer(self, stop: Callable[[], bool]) -> ControlFrame | None:
-        """Return PX4's answer to the newest sample; None if no answer arrived in time.
+        """Return PX4's answer to the newest sample, or None if no answer arrived in time.
 
         At the start of lockstep, answers to earlier samples are skipped, so that PX4 does not stay one sample behind.
         """
@@ -222,12 +231,12 @@ class Px4Simulator:
         if is_locked and newest is None and self.link.statistics.connected and not stop():
             self.tally.unanswered += 1
             self._flights.report_once(
-                f"PX4 did not answer a sample in {SILENCE_S:g} s: the vehicle flies on without it"
+                f"PX4 did not answer a sample within {SILENCE_S:g} s: the vehicle continues without an answer"
             )
         return newest
 
     def _take(self, data: bytes | None) -> ControlFrame | None:
-        """Return the last answer of PX4 in received bytes, or None."""
+        """Return the last answer of PX4 in the received bytes, or None if they contain no answer."""
         answer = None
         for message in self._endpoint.feed(data):
             if message.name != "HIL_ACTUATOR_CONTROLS":
@@ -245,12 +254,14 @@ class Px4Simulator:
             self.tally.refused += refused
             counts.checksum = counts.downgraded = counts.garbage = 0
             self._flights.report_once(
-                "refused bytes that are not MAVLink 2: check that PX4's simulator module connects here"
+                "refused bytes that are not MAVLink 2: check that the program that connects here is PX4's simulator "
+                "module"
             )
         return answer
 
     def _move(self, answer: ControlFrame | None) -> None:
-        """Advance by one step, with the newest answer of PX4. answer: None if no new answer has arrived."""
+        """Advance the vehicle by one step (STEP), with PX4's newest outputs. answer: PX4's new answer, or None if no
+        answer has arrived."""
         if answer is not None:
             if self._last is None:
                 self._flights.report(f"PX4 answers, {'in lockstep' if answer.is_locked else 'by the clock'}")
@@ -261,7 +272,8 @@ class Px4Simulator:
         self.vehicle.advance(self.vehicle.body.t + STEP, self._write_row)
 
     def _pulses(self, answer: ControlFrame) -> Sequence[int]:
-        """Return the pulse widths (µs) that PX4 sets. While PX4 is not armed, all are 0: no pulse, which is safe."""
+        """Return the pulse widths (µs) that PX4 sets. While PX4 is not armed, all widths are 0, which means no pulse
+        and is safe."""
         pulses = [0] * CHANNELS
         if answer.is_armed:
             for channel, (rest, low, high) in self._spans.items():
@@ -270,7 +282,7 @@ class Px4Simulator:
         return pulses
 
     def _begin_flight(self) -> None:
-        """Reset the vehicle to its first state, and start a new log."""
+        """Reset the vehicle to its initial state, and start a new log."""
         self._begin_connection()
         self._flights.begin("new connection")
         self.vehicle.advance(0, self._write_row)
@@ -282,16 +294,16 @@ class Px4Simulator:
 
 
 def pulse_span(o: PulseOutput) -> tuple[float, float, float]:
-    """Return the pulse widths (s) for the control values 0 (rest), -1 and 1 (the two ends).
+    """Return the pulse widths (s) of an output for PX4's control values 0 (rest), -1 and 1 (the ends of the range).
 
-    A motor whose rest is at one end turns in one direction only.
+    If the rest position of a motor is at one end of the range, the motor turns in one direction only.
     """
     return o.safe, min(o.pulse.widths), max(o.pulse.widths)
 
 
 def _surroundings_block() -> BlockDefinition:
-    """Define the block that computes `Surroundings` from a motion. Its parameters are the geographic position of
-    the origin of the world frame W."""
+    """Define the block that computes `Surroundings` (geographic position, air, magnetic field) from a motion. The
+    block's parameters are the geographic position of the origin of the world frame W."""
 
     def step(p: Any, s: Any, now: Any) -> Any:
         latitude, longitude, height = p.from_ned(now["p_WB"])

@@ -1,11 +1,13 @@
-"""Checks before arming, each with value, limit and advice, and the messages by which an autopilot requests them.
+"""Checks before arming, each with value, limit and advice, and the MAVLink messages by which an autopilot requests the
+results.
 
-The autopilot sends MAVLink's command to run the checks, MAV_CMD_RUN_PREARM_CHECKS (401). The vehicle acknowledges it,
-reports failing checks to ground stations, and answers the sender with one TUNNEL of a private type for each check:
+The autopilot sends MAVLink's command MAV_CMD_RUN_PREARM_CHECKS (401). The vehicle acknowledges the command, reports
+failing checks to ground stations, and sends the autopilot one TUNNEL message of a private type for each check:
 
     number of checks (2)  index (2)  flags (1)  value (8)  limit (8)  name, unit, advice (UTF-8, each ends with a 0)
 
-Flags: 1 the value must be at least the limit (otherwise at most); 2 the check can pass by waiting.
+Flags: 1 means that the value must be at least the limit (otherwise at most); 2 means that the check can pass by
+waiting.
 Source: https://mavlink.io/en/messages/common.html; docs page, Arming.
 """
 
@@ -25,22 +27,23 @@ AT_LEAST, HEALS = 1, 2
 MOST_TEXT = 128 - HEAD.size
 MOST_CHECKS = 64
 LONGEST_AGE = seconds(1)
-"""Maximum age of a check's result."""
+"""Maximum age of the result of a check (100 ns)."""
 ASK_PERIOD = ms(200)
 MOST_ASKS = 10
-"""Number of unanswered requests after which the vehicle counts as a vehicle without checks."""
+"""Number of unanswered requests after which the vehicle is assumed to have no checks."""
 UNBOUNDED = 1e9
-"""Smallest number shown as infinite, e.g. the age of data that never arrived, or a limit that was not set."""
+"""Smallest magnitude that is shown as infinite, e.g. for the age of data that never arrived, or a limit that is not
+set."""
 CONFIRMATION = 21196
-"""Second parameter of the command to arm, by which MAVLink's ground stations force arming.
+"""Value of the second parameter of the arming command by which MAVLink ground stations force arming.
 
-This vehicle takes it only as a confirmation by the user.
+For this vehicle, this value only means that the user confirms arming after a failsafe. The checks still have to pass.
 """
 
 
 class ArmingCheck(NamedTuple):
-    """One check: `value` must be at most `limit`, or at least `limit` if `at_least` is True. A value that was not
-    measured (NaN) passes.
+    """Check before arming: `value` must be at most `limit`, or at least `limit` if `at_least` is True. A value that was
+    not measured (NaN) passes.
 
     advice: what to do if the check fails.  heals: True if the check can pass by waiting, without any action.
     """
@@ -61,12 +64,12 @@ class ArmingCheck(NamedTuple):
 
     @property
     def value_text(self) -> str:
-        """Text of the checked value, with its unit."""
+        """Text of the checked value and the value's unit."""
         return "not measured" if math.isnan(self.value) else _with_unit(self.value, self.unit)
 
     @property
     def limit_text(self) -> str:
-        """Text of the check's limit, with its unit."""
+        """Text of the check's limit and the limit's unit."""
         return f"at {'least' if self.at_least else 'most'} {_with_unit(self.limit, self.unit)}"
 
     @property
@@ -76,7 +79,7 @@ class ArmingCheck(NamedTuple):
 
     @property
     def record(self) -> str:
-        """Text of the check's result for a log, one line."""
+        """Text of the check's result for a log, in one line."""
         return f"check {self.name}: {self.value_text}, {self.limit_text}: {'passed' if self.passes else 'refused'}"
 
 
@@ -87,13 +90,14 @@ def _with_unit(number: float, unit: str) -> str:
 
 
 def first_problem(checks: Sequence[ArmingCheck]) -> str:
-    """Return the text of the first failing check, or "". Checks that cannot pass by waiting come first."""
+    """Return the text of the first failing check, or "" if all checks pass. Checks that cannot pass by waiting are
+    tried first."""
     failing = [c for c in checks if not c.passes]
     return min(failing, key=lambda c: c.heals).sentence if failing else ""
 
 
 def pack_checks(endpoint: Endpoint, asker: Message, checks: Sequence[ArmingCheck]) -> list[bytes]:
-    """Return a packet for each check, addressed to the sender of the request. asker: the message with the request."""
+    """Return a packet for each check, addressed to the sender of the request. asker: the request message."""
     packets = []
     for k, check in enumerate(checks):
         flags = AT_LEAST * check.at_least | HEALS * check.heals
@@ -104,7 +108,7 @@ def pack_checks(endpoint: Endpoint, asker: Message, checks: Sequence[ArmingCheck
 
 
 class RemoteChecks:
-    """Results of the vehicle's checks, as the autopilot has received them, and the times to request them again.
+    """Results of the vehicle's checks that the autopilot has received, and timing of the requests for these results.
 
     Times `now` are by the autopilot's clock, in 100 ns.
     """
@@ -114,10 +118,10 @@ class RemoteChecks:
         self._checks: dict[int, tuple[ArmingCheck, int]] = {}
         self._count = self._asks = self._next = 0
         self.has_none = False
-        """True if the vehicle reports no checks: older firmware, or already armed."""
+        """True if the vehicle reports no checks, because its firmware is older or it is already armed."""
 
     def is_due(self, now: int) -> bool:
-        """Return True if the vehicle must be asked for its checks now."""
+        """Return True if the vehicle must be asked now for the results of its checks."""
         if self.has_none or now < self._next:
             return False
         self._next, self._asks = now + ASK_PERIOD, self._asks + 1
@@ -125,7 +129,7 @@ class RemoteChecks:
         return not self.has_none
 
     def handle_refusal(self) -> None:
-        """Record that the vehicle refused to report its checks."""
+        """Record that the vehicle refused to report the results of its checks."""
         self.has_none = not self._count
 
     def handle_message(self, message: Message, now: int) -> None:

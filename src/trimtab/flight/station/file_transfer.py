@@ -2,10 +2,10 @@
 
 A request and its answer are 251 bytes in FILE_TRANSFER_PROTOCOL:
 
-    number (2)  session (1)  operation (1)  size (1)  asked operation (1)  end of burst (1)  0 (1)  offset (4)  data
+    number (2)  session (1)  operation (1)  size (1)  requested operation (1)  end of burst (1)  0 (1)  offset (4)  data
 
-A repeated request, whose answer was lost, gets the same answer. Logs can be read only while the vehicle is disarmed,
-because a disk may delay the reader, and the flight needs the link.
+If an answer was lost and the request is repeated, the service sends the same answer again. Logs can be read only while
+the vehicle is disarmed, because a disk may delay the vehicle's program, and the flight needs the link.
 Source: https://mavlink.io/en/services/ftp.html.
 """
 
@@ -24,15 +24,16 @@ HEAD, PAYLOAD = struct.Struct("<HBBBBBBI"), 251
 MOST_DATA = PAYLOAD - HEAD.size
 MOST_SESSIONS = 4
 IDLE_TIME = seconds(30)
-"""Time without a request after which a new session may replace an open session."""
+"""Time (100 ns) without a request after which a new session may replace an open session."""
 LONGEST_BURST = 200
-"""Maximum number of packets in a burst. The reader must then ask again, so that a burst without a reader ends."""
+"""Maximum number of packets in a burst. The reader must then send a new request, so that a burst ends if the reader is
+gone."""
 FLYING_SHARE = 0.05
 """Fraction of the maximum rate that file transfer may use while the vehicle is armed."""
 
 
 class Operation(IntEnum):
-    """Codes of requested operations, and of the two kinds of answer."""
+    """Codes of requested operations, and of the answers ACK (done) and NAK (refused)."""
 
     NONE = 0
     TERMINATE = 1
@@ -46,7 +47,7 @@ class Operation(IntEnum):
 
 
 WRITING = range(6, 15)
-"""Operations that would write, remove or rename, or read a whole file at once for its checksum."""
+"""Codes of refused operations, which would write, remove or rename files, or read a complete file for its checksum."""
 
 
 class FileError(IntEnum):
@@ -78,9 +79,9 @@ class _Session(NamedTuple):
 
 
 class _Burst(NamedTuple):
-    """Burst of file data that is being sent.
+    """State of a burst of file data that is being sent.
 
-    number: sequence number of the next packet. left: number of packets still to be sent.
+    number: sequence number of the next packet.  left: number of packets that are still to be sent.
     """
 
     owner: tuple[int, int]
@@ -112,7 +113,7 @@ class FileTransferService:
         self._answers: dict[tuple[int, int], tuple[bytes, list[bytes]]] = {}
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return the packets that answer a request. The packets of a burst follow later, from `due`."""
+        """Return the packets that answer a request. The method `due` returns the packets of a burst later."""
         owner, payload = (message.system, message.component), bytes(message.get("payload"))
         last_payload, last_answer = self._answers.get(owner, (b"", []))
         if payload == last_payload:
@@ -133,7 +134,7 @@ class FileTransferService:
         return [self._pack(owner, answer) for answer in answers]
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return the next packet of a burst, if one is due."""
+        """Return the next packet of a burst if it is due, otherwise an empty list."""
         burst = self._burst
         if burst is None or not self._pace.is_due(now):
             return []
@@ -156,7 +157,7 @@ class FileTransferService:
         return [packet]
 
     def _follow(self, request: _Request, owner: tuple[int, int], now: int, is_armed: bool) -> bytes | None:
-        """Carry out a file request. Return the data of the answer, or None if a burst of packets answers."""
+        """Perform a file request. Return the data of the answer, or None if a burst of packets is the answer."""
         operation = request.operation
         if operation == Operation.NONE:
             return b""
@@ -234,7 +235,7 @@ class FileTransferService:
 
 
 def _make_answer(request: _Request, operation: Operation, data: bytes, is_last: bool = False) -> bytes:
-    """Return the payload of an answer to a file request."""
+    """Return the payload of a message that answers a file request."""
     asked, number = request.operation, (request.number + 1) & 0xFFFF
     head = HEAD.pack(number, request.session, operation, len(data), asked, is_last, 0, request.offset)
     return (head + data).ljust(PAYLOAD, b"\0")

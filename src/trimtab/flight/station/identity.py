@@ -1,7 +1,9 @@
-"""Identity of a scenario that two ends compare by hash: name, version, messages, periods, all numbers of the world.
+"""Identity of a scenario, which vehicle and autopilot compare by hash: name, version, messages, periods, and all
+parameters of the world.
 
-An identity is a text by path, e.g. "world.vehicle.mass" -> "2.6". Its digest is the first 8 bytes of the SHA-256 of its
-sorted lines. Only if the digests differ, lines are requested one by one, by MAVLink's TUNNEL with private types:
+An identity maps the path of each setting to a text, e.g. "world.vehicle.mass" -> "2.6". The digest of an identity is
+the first 8 bytes of the SHA-256 of its sorted lines. If the digests of vehicle and autopilot differ, the autopilot
+requests the lines one by one, in MAVLink's message TUNNEL with private payload types:
 
     request    index (2)
     line       number of lines (2)   index (2)   digest (8)   "path=text" (UTF-8, cut at 116 bytes)
@@ -22,19 +24,20 @@ from trimtab.flight.mavlink.endpoint import Endpoint
 
 TUNNEL = "TUNNEL"
 REQUEST_TYPE, LINE_TYPE = 0xF474, 0xF475
-"""Payload types of the TUNNEL messages, from the range for private use (32768 and above)."""
+"""Payload types of the TUNNEL messages with a request and with a line, from the range for private use (32768 and
+above)."""
 REQUEST, LINE = struct.Struct("<H"), struct.Struct("<HH8s")
 PAYLOAD = 128
 MOST_NUMBERS = 4
-"""Maximum length of a table whose numbers are shown. A longer table is compared and shown by its hash."""
+"""Maximum number of elements of an array that is shown as numbers. A longer array is compared and shown by its hash."""
 MOST_LINES = 4096
 ASK_PERIOD, LINES_PERIOD, LINES_AT_ONCE = ms(500), ms(100), 5
 MOST_ASKS = 4
-"""Number of unanswered requests after which the vehicle counts as a vehicle without an identity."""
+"""Number of unanswered requests after which the vehicle is assumed not to report its identity."""
 
 
 def format_value(value: Any) -> str:
-    """Return a setting as text: numbers with all their digits, tables by their hash."""
+    """Return the value of a setting as text: numbers with all digits, long arrays by their hash."""
     if isinstance(value, str | bool) or value is None:
         return str(value)
     numbers = np.asarray(value)
@@ -47,37 +50,40 @@ def format_value(value: Any) -> str:
 
 
 def digest_number(digest: bytes) -> int:
-    """Convert a digest to a whole number that fits into a command's parameter, a 32-bit float; 0 for no digest."""
+    """Convert a digest to a whole number that is exact in a command's parameter, a 32-bit float. Without a digest,
+    return 0."""
     return int.from_bytes(digest[:3], "little") | 1 if digest else 0
 
 
 def identity_digest(entries: Mapping[str, str]) -> bytes:
-    """Return a hash of an identity, eight bytes."""
+    """Return the digest of an identity, eight bytes."""
     lines = sorted(f"{path}={text}" for path, text in entries.items())
     return hashlib.sha256("\n".join(lines).encode()).digest()[:8]
 
 
 class IdentityService:
-    """Service of a vehicle that sends the identity of its scenario line by line."""
+    """MAVLink service of a vehicle that sends the identity of the vehicle's scenario line by line."""
 
     def __init__(self, endpoint: Endpoint, entries: Mapping[str, str]) -> None:
-        """entries: text of each setting of the identity, by path."""
+        """entries: text of each setting in the identity, by path."""
         self._endpoint, self._entries = endpoint, dict(sorted(entries.items()))
         self._digest = identity_digest(self._entries)
 
     def change(self, path: str, value: Any) -> None:
-        """Change the value of a setting. A setting outside the identity is ignored."""
+        """Change the value of a setting in the identity. A setting that is not in the identity is ignored."""
         if path in self._entries:
             self._entries[path] = format_value(value)
             self._digest = identity_digest(self._entries)
 
     @property
     def number(self) -> int:
-        """Hash number of the vehicle's current identity, with which requests to arm are compared."""
+        """Digest of the vehicle's current identity, as a whole number. A request to arm must contain the same
+        number."""
         return digest_number(self._digest)
 
     def answer(self, message: Message) -> list[bytes]:
-        """Return the packets that answer a message; none if the message is not an identity request to this vehicle."""
+        """Return the packets that answer a message, or an empty list if the message is not an identity request to this
+        vehicle."""
         index = _parse_request(message)
         if index is None or message.get("target_system") not in (0, self._endpoint.system) or not self._entries:
             return []
@@ -88,7 +94,8 @@ class IdentityService:
 
 
 class SettingDifference(NamedTuple):
-    """Setting that differs between two ends. `ours` or `theirs` is empty if that end does not have the setting."""
+    """Setting that differs between autopilot (`ours`) and vehicle (`theirs`). A text is empty if that side does not
+    have the setting."""
 
     path: str
     theirs: str
@@ -99,20 +106,22 @@ class SettingDifference(NamedTuple):
 
 
 class IdentityComparison:
-    """Comparison at the autopilot's end: it asks for the vehicle's identity, and lists the settings that differ.
+    """Comparison of identities at the autopilot's end, which requests the vehicle's identity and lists the settings
+    that differ.
 
     Times `now` are by the autopilot's clock, in 100 ns.
     """
 
     def __init__(self, endpoint: Endpoint, entries: Mapping[str, str]) -> None:
-        """entries: text of each setting of the autopilot's identity, by path."""
+        """entries: text of each setting in the autopilot's identity, by path."""
         self._endpoint, self._entries = endpoint, dict(entries)
         self._digest = identity_digest(self._entries)
         self._lines: dict[int, bytes] = {}
         self._count, self._asks, self._next = 0, 0, 0
         self._theirs = self._known = b""
         self.is_known = False
-        """True while the vehicle's identity is known completely, or known to equal the autopilot's identity."""
+        """True while the complete identity of the vehicle is known, or its digest equals that of the autopilot's
+        identity."""
 
     @property
     def is_unanswered(self) -> bool:
@@ -121,13 +130,14 @@ class IdentityComparison:
 
     @property
     def number(self) -> int:
-        """Hash number of the vehicle's identity, for requests to arm; 0 if the vehicle does not report an identity."""
+        """Digest of the vehicle's identity as a whole number, for requests to arm, or 0 if the vehicle reports no
+        identity."""
         return digest_number(self._known)
 
     def due(self, now: int, system: int, component: int) -> list[bytes]:
         """Return the packets that must be sent now to request the vehicle's identity.
 
-        Even after the comparison, one request is repeated regularly, because a setting may change.
+        After the comparison, a request is still sent regularly, because a setting may change.
         """
         if self.is_unanswered or now < self._next:
             return []
@@ -152,7 +162,8 @@ class IdentityComparison:
         self._known = digest if self.is_known else self._known
 
     def differences(self, is_accepted: Callable[[str], bool] = lambda path: False) -> list[SettingDifference]:
-        """Return the differences that are not accepted, sorted by path; none until the vehicle's identity is known."""
+        """Return the differing settings that are not accepted, sorted by path. The list is empty until the vehicle's
+        identity is known."""
         if not self.is_known or self._theirs == self._digest:
             return []
         theirs = dict(_split_line(line) for line in self._lines.values())
@@ -165,7 +176,7 @@ class IdentityComparison:
 
 
 def cut_line(path: str, text: str) -> bytes:
-    """Return the line of a setting, cut to the length that is sent."""
+    """Return the line "path=text" of a setting, cut to the length that can be sent."""
     return f"{path}={text}".encode()[: PAYLOAD - LINE.size].decode("utf-8", "ignore").encode()  # no partial character
 
 
@@ -181,7 +192,7 @@ def _parse_request(message: Message) -> int | None:
 
 
 def pack_tunnel(endpoint: Endpoint, system: int, component: int, kind: int, data: bytes) -> bytes:
-    """Return the packet of a TUNNEL message. kind: its payload type.  data: its payload, at most 128 bytes."""
+    """Return the packet of a TUNNEL message. kind: payload type.  data: payload, at most 128 bytes."""
     fields = {"target_system": system, "target_component": component, "payload_type": kind}
     payload = tuple(data.ljust(PAYLOAD, b"\0"))
     return endpoint.pack(TUNNEL, fields | {"payload_length": len(data), "payload": payload})

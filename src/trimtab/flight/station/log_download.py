@@ -1,4 +1,5 @@
-"""Log download by MAVLink's log messages, which most ground stations use: list of logs, then 90 bytes per message.
+"""Log download by MAVLink's log messages, which most ground stations use: first the list of logs, then a log in
+messages of 90 bytes.
 
 Logs are never erased over a link. While the vehicle is armed, no log can be read, as in `file_transfer`.
 Source: https://mavlink.io/en/messages/common.html, LOG_REQUEST_LIST and after.
@@ -37,7 +38,8 @@ class LogService:
         self._download: _Download | None = None
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return the immediate answer to a message. Entries of a list, and bytes of a log, follow later from `due`."""
+        """Return the immediate answer to a message. The method `due` returns the entries of a list and the bytes of a
+        log later."""
         if message.name == "LOG_REQUEST_LIST":
             return self._start_list(message.get("start"), message.get("end"), is_armed)
         if message.name == "LOG_REQUEST_DATA":
@@ -49,7 +51,8 @@ class LogService:
         return []
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return the next entry of a list, or the next bytes of a log, if due."""
+        """Return a packet with the next entry of a list or the next bytes of a log if it is due, otherwise an empty
+        list."""
         if not self._pace.is_due(now):
             return []
         if self._entries:
@@ -82,7 +85,7 @@ class LogService:
         log, offset, count = (message.get(name) for name in ("id", "ofs", "count"))
         if self._download is None or self._download.log != log:
             self._close()
-            if log not in self._names:  # some stations ask without a list, or after a restart of the vehicle
+            if log not in self._names:  # some stations request a log without a list, or after a restart of the vehicle
                 self._list_logs(is_armed)
             file = None if is_armed else self._files.open(f"{LOGS}/{self._names.get(log, '')}")
             if file is None:

@@ -1,8 +1,9 @@
-"""Answers to requests about missions, fences and rally points. The vehicle has none, so a list has 0 items.
+"""Answers to requests about missions, fences and rally points. The vehicle stores no such items, so every list has 0
+items.
 
     list     MISSION_REQUEST_LIST                     answer: MISSION_COUNT 0
     clear    MISSION_CLEAR_ALL, or MISSION_COUNT 0    answer: MISSION_ACK accepted, as the list is empty
-    other                                             answer: MISSION_ACK unsupported, or invalid sequence for an item
+    other requests                                    answer: MISSION_ACK unsupported, or invalid sequence for an item
 
 Source: https://mavlink.io/en/services/mission.html.
 """
@@ -15,7 +16,7 @@ from trimtab.flight.mavlink.endpoint import Endpoint
 
 
 class MissionResult(IntEnum):
-    """Results of a request about missions: MAVLink's MAV_MISSION_RESULT."""
+    """Codes for the result of a request about missions: MAVLink's MAV_MISSION_RESULT."""
 
     ACCEPTED = 0
     UNSUPPORTED = 3

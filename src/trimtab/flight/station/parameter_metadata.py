@@ -1,7 +1,7 @@
-"""Declarations of parameters in a file for ground stations: unit, meaning, bounds, default, names of modes.
+"""File for ground stations that describes the parameters: unit, meaning, bounds, default, names of modes.
 
-COMPONENT_METADATA names a general file, which names the file of parameters. Ground stations read both files by
-MAVLink's file transfer.
+The message COMPONENT_METADATA contains the path of a general file, which contains the path of the parameters' file.
+Ground stations read both files by MAVLink's file transfer.
 Source: https://mavlink.io/en/services/component_information.html.
 """
 
@@ -16,13 +16,13 @@ from trimtab.flight.station.parameters import Parameter, Parameters
 
 GENERAL, PARAMETERS = "general.json.xz", "parameters.json.xz"
 PARAMETER_TYPE = 1
-"""Type of metadata for parameters: MAVLink's COMP_METADATA_TYPE_PARAMETER."""
+"""Code of the metadata type for parameters: MAVLink's COMP_METADATA_TYPE_PARAMETER."""
 LONGEST_SHORT = 100
 GROUP_DEPTH = 2
 
 
 def metadata_documents(parameters: Parameters) -> dict[str, bytes]:
-    """Return the contents of the general file and of the file of parameters, by file name."""
+    """Return the contents of the general file and of the parameters' file, by file name."""
     listed = [
         _describe(p, default, parameters.bounds(k))
         for k, (p, default) in enumerate(zip(parameters.listed, parameters.defaults, strict=True))
@@ -33,7 +33,7 @@ def metadata_documents(parameters: Parameters) -> dict[str, bytes]:
 
 
 def component_metadata(now_ms: int, documents: Mapping[str, bytes]) -> Mapping[str, Any]:
-    """Return the fields of COMPONENT_METADATA."""
+    """Return the fields of the message COMPONENT_METADATA."""
     crc = file_checksum(documents[GENERAL])
     return {"time_boot_ms": now_ms, "file_crc": crc, "uri": f"mftp:///{GENERAL}"}
 

@@ -1,10 +1,11 @@
-"""Parameters of a vehicle for ground stations: names of 16 characters, values of 32 bits.
+"""Parameters of a vehicle for ground stations, with MAVLink's names of up to 16 characters and values of 32 bits.
 
-A name is made from the path: initials of the leading parts, then the last part, e.g. WV_MASS for "world.vehicle.mass".
-A long name is shortened word by word. A name that is used twice, or still too long, ends in five digits of its path's
-hash. Lists are sent at a limited rate. A change is answered with the value in force. A list starts with a hash of all
-names and values. A station that has the same hash needs no list, and sets _HASH_CHECK.
-Source: https://mavlink.io/en/services/parameter.html (values as C casts); _HASH_CHECK is PX4's.
+The name of a parameter is made from its path: the initials of the leading names, then the last name, e.g. WV_MASS for
+"world.vehicle.mass". The words of a long name are shortened. If two parameters would have the same name, or if the name
+is still too long, it ends in five digits of a hash of the path. A list of parameters is sent at a limited rate, and
+starts with a hash of all names and values. A station that already has this hash needs no list, and sets the parameter
+_HASH_CHECK. A change is answered with the value that is then in use.
+Source: https://mavlink.io/en/services/parameter.html (values as C casts); _HASH_CHECK as in PX4.
 """
 
 import hashlib
@@ -27,28 +28,31 @@ from trimtab.flight.mavlink.protocol import REAL_32, ParameterChange
 
 LONGEST = 16
 MOST_NUMBERS = 64
-"""Maximum number of elements of a listed quantity. Larger quantities are tables, which would take minutes to list."""
+"""Maximum number of elements of a quantity that is sent as parameters. Larger quantities are tables, whose transfer
+would take minutes."""
 FLOAT = struct.Struct("<f")
 WORD = 4
-"""Number of letters to which the words of a long name are shortened."""
+"""Number of letters that remain of each word when a long name is shortened."""
 HASH, UNSTATED, UNSIGNED_32, NO_INDEX = "_HASH_CHECK", 0, 5, 0xFFFF
 PERIOD = seconds("0.02")
-"""Time between two values of a list."""
+"""Time (100 ns) between two values of a parameter list."""
 SMALLEST = 2.0**-126
-"""Smallest normal 32-bit float. The bytes of an integer, misread as a float, usually give a smaller number."""
+"""Smallest normal 32-bit float. A smaller number is usually an integer whose bytes were sent as a float by mistake."""
 LARGEST_FACTOR = 10.0
-"""Factor by which a number without a declared bound may differ from its value at the start."""
+"""Factor by which a parameter without a declared bound may differ from its value at the start."""
 FAULT = "fault"
-"""Part of the path of a fault's numbers. They are zero at the start, so their start values give no bounds."""
+"""Name in the path of a fault's parameters. These parameters are zero at the start, so no bounds are derived from their
+start values."""
 
 
 ChangedValues = Mapping[str, list[float]]
-"""All numbers of each changed leaf (a number or an array) of the records, by path."""
+"""Values of each changed quantity (a number or an array with all elements), by path."""
 NO_STORE = "no file (--parameters FILE)"
 
 
 class Parameter(NamedTuple):
-    """Parameter: its MAVLink name, path of its leaf, index of the number in the leaf, and declaration."""
+    """Parameter of a vehicle: MAVLink name, path of the quantity, index of the element in an array, and declaration of
+    the quantity."""
 
     name: str
     path: str
@@ -57,12 +61,12 @@ class Parameter(NamedTuple):
 
 
 class Parameters:
-    """Parameters of a tree of records, in the order of declaration, accessible by name and by index."""
+    """Parameters of a record, e.g. a scenario's world, in the order of declaration, accessible by name and by index."""
 
     def __init__(self, tree: Any, path: str = "", only: Container[str] | None = None) -> None:
-        """Collect all quantities of a record, e.g. a scenario's world, except tables. `path` is a prefix of all paths.
+        """Collect all quantities of the record `tree`, except tables. path: prefix of all paths.
 
-        only: paths to include; None: all.
+        only: paths to include, or None to include all.
         """
         numbers = [
             (where, slot if np.shape(value) else None, declared, float(number))
@@ -80,18 +84,19 @@ class Parameters:
         self._places = {(p.path, p.slot): k for k, p in enumerate(self.listed)}
 
     def table(self) -> dict[str, tuple[str, int]]:
-        """Return path of the leaf, and index of the number in the leaf, for each parameter name."""
+        """Return, for each parameter name, the path of the quantity and the index of the element in an array."""
         return {p.name: (p.path, p.slot) for p in self.listed}
 
     @property
     def digest(self) -> int:
-        """CRC-32, without inversions, of all names and values (4 bytes each), in the order of the names."""
+        """Hash of all parameters: CRC-32, without inversions, of all names and values (4 bytes each), in the order of
+        the names."""
         pairs = sorted(zip([p.name for p in self.listed], self.values, strict=True))
         data = b"".join(name.encode() + FLOAT.pack(round_to_float32(value)) for name, value in pairs)
         return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
     def changed_values(self) -> ChangedValues:
-        """Return all numbers of each leaf that has changed since the start."""
+        """Return the values of each quantity that has changed since the start, by path."""
         changed: dict[str, list[float]] = {path: [] for path in sorted(self._changed)}
         for own, value in zip(self.listed, self.values, strict=True):
             if own.path in changed:
@@ -99,21 +104,23 @@ class Parameters:
         return changed
 
     def find_index(self, name: str, index: int) -> int | None:
-        """Return the index of the requested parameter, or None. The name is used if the index is negative."""
+        """Return the index of a requested parameter, or None if the parameter does not exist. If the index is negative,
+        the name selects the parameter."""
         if index < 0:
             return self._index.get(name)
         return index if index < len(self.listed) else None
 
     def index_of(self, path: str, slot: int) -> int | None:
-        """Return the index of the parameter for a number of a leaf; None if the number is not a parameter."""
+        """Return the index of the parameter for the element `slot` of the quantity at `path`, or None if the element is
+        not a parameter."""
         return self._places.get((path, slot))
 
     def bounds(self, index: int) -> tuple[float, float]:
         """Return the smallest and the largest value that a ground station may write.
 
-        These are the declared bounds. If a bound is not declared, it is derived from the value at the start. For a
-        positive number, the bounds are a tenth and ten times that value. For other numbers, the value may change by ten
-        times its magnitude, and by at least ten.
+        If a bound is declared, it is used. Otherwise the bound is derived from the parameter's value at the start. For
+        a quantity that must be positive, the bounds are a tenth and ten times this value. Other parameters may change
+        by ten times the magnitude of this value, or by ten if the magnitude is below one.
         """
         own, start = self.listed[index], self.defaults[index]
         declared = own.declaration
@@ -128,9 +135,10 @@ class Parameters:
         return low, start + span if declared.high is None else declared.high
 
     def change_value(self, index: int, value: float) -> str:
-        """Set a value if its declaration allows it. Return the reason for a refusal, or an empty string.
+        """Set the value of a parameter if the declaration allows the value. Return the reason if the value is refused,
+        or an empty string.
 
-        If the new value equals the old value as a 32-bit float, the old value is kept with all its digits.
+        If the new value is the old value rounded to a 32-bit float, the old value is kept with all digits.
         """
         if round_to_float32(self.values[index]) == value:
             return ""
@@ -142,7 +150,7 @@ class Parameters:
 
 
 def parameter_names(paths: Sequence[str]) -> list[str]:
-    """Return a unique name for each path, in the same order."""
+    """Return a unique MAVLink parameter name for each path, in the order of the paths."""
     plain = [_short_name(path) for path in paths]
     counts, used_names = Counter(plain), set[str]()
     hashed = (name if counts[name] == 1 else _hash_name(path) for name, path in zip(plain, paths, strict=True))
@@ -200,21 +208,23 @@ def _refusal(declared: Quantity, value: float, bounds: tuple[float, float]) -> s
 
 
 class ParameterService:
-    """MAVLink service for the parameters of one vehicle. Times are by the vehicle's clock, in 100 ns."""
+    """MAVLink service that sends and changes the parameters of one vehicle. Times are by the vehicle's clock, in 100
+    ns."""
 
     def __init__(self, endpoint: Endpoint, parameters: Parameters) -> None:
-        """Start with no list requested."""
+        """Start without a requested list of parameters."""
         self._endpoint, self._parameters = endpoint, parameters
         self._listing: deque[int | None] = deque()
         self._sent_at: int | None = None
 
     def start_list(self) -> None:
-        """Start to send the hash, then every value, at a limited rate. A repeated request sends the values only."""
+        """Start to send the hash, then all parameters, at a limited rate. If the request is repeated, send only the
+        parameters."""
         values = range(len(self._parameters.listed))
         self._listing = deque(values if self._listing else [None, *values])
 
     def due(self, now: int) -> list[bytes]:
-        """Return the next value of the requested list, if it is due."""
+        """Return a packet with the next parameter of the requested list if it is due, otherwise an empty list."""
         if not self._listing or (self._sent_at is not None and 0 <= now - self._sent_at < PERIOD):
             return []
         self._sent_at = now
@@ -222,7 +232,8 @@ class ParameterService:
         return [self._hash_packet() if index is None else self.value(index)]
 
     def read(self, message: Message) -> list[bytes]:
-        """Return the packet of the value that a PARAM_REQUEST_READ requests; empty if the parameter does not exist."""
+        """Return the packet with the parameter that a PARAM_REQUEST_READ requests, or an empty list if the parameter
+        does not exist."""
         if message.get("param_index") < 0 and message.get("param_id") == HASH:
             return [self._hash_packet()]
         index = self._parameters.find_index(message.get("param_id"), message.get("param_index"))
@@ -231,7 +242,8 @@ class ParameterService:
     def change_value(self, message: Message) -> tuple[list[bytes], list[ParameterChange], str]:
         """Handle a PARAM_SET message.
 
-        Return the packet of the value in force, the changes (at most one), and the reason for a refusal, or "".
+        Return the packet with the value in use, the changes (at most one), and the reason if the value is refused, or
+        "".
         """
         name = message.get("param_id")
         if name == HASH:  # the station has all values
@@ -259,7 +271,7 @@ class ParameterService:
         return self._endpoint.pack("PARAM_VALUE", bits + payload[len(bits) :])  # the value is the first field
 
     def value(self, index: int) -> bytes:
-        """Return the packet with the value of a parameter."""
+        """Return the packet with the value of the parameter that has this index."""
         own = self._parameters.listed[index]
         fields = {"param_id": own.name, "param_value": self._parameters.values[index], "param_type": REAL_32}
         fields |= {"param_count": len(self._parameters.listed), "param_index": index}

@@ -1,6 +1,7 @@
-"""Files that a vehicle serves: documents in memory, and the logs of one folder. Files are never written.
+"""Files that a vehicle serves to ground stations: documents in memory, and the logs of one folder. Files are never
+written.
 
-    /NAME         a document
+    /NAME         a document in memory
     /logs/NAME    a log: a regular file directly in the log folder, with one of LOG_ENDINGS
 
 A path is checked before a file is opened, so that no other folder, hidden file or symbolic link can be read.
@@ -22,15 +23,18 @@ LOGS = "logs"
 LOG_ENDINGS = (".mcap", ".txt")
 LARGEST_NAME = 200
 MOST_ENTRIES = 2000
-"""Maximum number of entries of the log folder that a listing reads."""
+"""Maximum number of directory entries of the log folder that are read for a list."""
 PATIENCE_S = 0.005
-"""Longest wait of the loop for a listing (s). If the listing takes longer, the answer is the previous list."""
+"""Longest time (s) that the vehicle's loop waits for a new list of the logs. If reading the folder takes longer, the
+previous list is sent."""
 LISTING_PERIOD_S = 0.5
-"""Shortest time between two listings (s). Until then, requests (one per part of a long list) get the last list."""
+"""Shortest time (s) between two readings of the log folder. Requests in between, e.g. for the next part of a long list,
+are answered from the last list."""
 
 
 class FileEntry(NamedTuple):
-    """Served file. size: number of bytes.  time: last modification (s since 1970); 0: unknown."""
+    """Served file. size: number of bytes.  time: time of the last modification (s since 1970), or 0 if it is
+    unknown."""
 
     name: str
     size: int
@@ -38,19 +42,20 @@ class FileEntry(NamedTuple):
 
 
 class OpenFile:
-    """File that is being read."""
+    """File that a ground station is reading."""
 
     def __init__(self, data: bytes | int, size: int) -> None:
-        """data: content of the file, or an open descriptor, which this object then owns."""
+        """data: content of the file, or an open file descriptor, which this object closes."""
         self._data, self.size = data, size
 
     @property
     def is_log(self) -> bool:
-        """Return True for a log, whose reading may wait for a disk."""
+        """Return True if the file is a log. Reading a log may wait for a disk."""
         return isinstance(self._data, int)
 
     def read(self, offset: int, size: int) -> bytes:
-        """Return `size` bytes of the file; fewer at its end; none beyond its end or if the disk fails."""
+        """Return `size` bytes of the file from `offset` on. The result is shorter at the end of the file, and empty if
+        the disk fails."""
         size = max(min(size, self.size - offset), 0)
         if isinstance(self._data, bytes):
             return self._data[offset : offset + size]
@@ -68,7 +73,7 @@ class OpenFile:
 
 
 class ServedFiles:
-    """Documents and logs that one vehicle serves."""
+    """Documents and logs that one vehicle serves to ground stations."""
 
     def __init__(
         self,
@@ -80,15 +85,16 @@ class ServedFiles:
 
         Args:
             documents: content of each document, by name.
-            folder: folder of the logs; None: no logs.
-            patience: longest wait for a listing (s).
+            folder: folder of the logs, or None to serve no logs.
+            patience: longest time to wait for a new list of the logs (s).
         """
         self.documents, self.folder = dict(documents or {}), folder
         self._patience, self._listed = patience, list[FileEntry]()
         self._lister: threading.Thread | None = None
 
     def list_logs(self, *, is_armed: bool) -> list[FileEntry]:
-        """Return the logs by name. A thread lists them, since a disk may hang. While armed, return the last list."""
+        """Return the list of the logs, sorted by name. A thread reads the folder, because a disk may hang. While the
+        vehicle is armed, return the last list."""
         if is_armed:
             return self._listed
         if self.folder is not None and (self._lister is None or not self._lister.is_alive()):
@@ -113,19 +119,19 @@ class ServedFiles:
         SYSTEM_CLOCK.wait(None, LISTING_PERIOD_S)
 
     def has_document(self, path: str) -> bool:
-        """Return True if the path is that of a document. Documents are read without a disk."""
+        """Return True if a document with this path exists. Reading a document needs no disk."""
         parts = _split_path(path)
         return parts is not None and len(parts) == 1 and parts[0] in self.documents
 
     def list_folder(self, path: str, *, is_armed: bool) -> tuple[list[str], list[FileEntry]] | None:
-        """Return folders and files in the folder at a path; None if the folder does not exist."""
+        """Return the folders and the files in the folder at a path, or None if the folder does not exist."""
         parts = _split_path(path)
         if parts == []:
             return [LOGS], [FileEntry(name, len(data)) for name, data in sorted(self.documents.items())]
         return ([], self.list_logs(is_armed=is_armed)) if parts == [LOGS] else None
 
     def open(self, path: str) -> OpenFile | None:
-        """Open the file at a path. Return None if it may not be read."""
+        """Open the file at a path. Return None if the file does not exist or may not be read."""
         parts = _split_path(path)
         if parts is not None and len(parts) == 1 and parts[0] in self.documents:
             return OpenFile(self.documents[parts[0]], len(self.documents[parts[0]]))
@@ -159,7 +165,7 @@ class Pace:
 
 
 def _split_path(path: str) -> list[str] | None:
-    """Return the names in a path; None if the path leads to a parent folder or is not valid."""
+    """Return the names in a path, or None if the path contains ".." or is not valid."""
     if "\0" in path or len(path) > LARGEST_NAME:
         return None
     parts = [part for part in path.split("/") if part not in ("", ".")]

@@ -1,7 +1,8 @@
 """Vehicle's end of MAVLink's standard services: a state machine without I/O, driven by messages and by the time.
 
-The services are heartbeat, time synchronisation, arming, modes, parameters, versions, status text, and a pilot's
-channels. Requests to the vehicle are returned as events. The vehicle acts on them, and sets the reported `status`.
+The services are heartbeat, time synchronisation, arming, modes, parameters, versions, status text, and the channels of
+a pilot's transmitter. Requests to the vehicle are returned as events. The vehicle's program acts on the events, and
+sets the reported `status`.
 Source: https://mavlink.io/en/services/ (heartbeat, command, parameter, timesync) and messages/common.html.
 """
 
@@ -41,23 +42,25 @@ from trimtab.vehicles.vehicle_type import VehicleType
 
 HEARTBEAT_PERIOD = seconds(1)
 LISTENING_TIME = seconds(10)
-"""Time after its last heartbeat for which another system counts as listening."""
+"""Time (100 ns) after its last heartbeat for which another system counts as listening."""
 VERSION_REQUEST = CommandCode.REQUEST_MESSAGE, VERSION_MESSAGE
 
 
 WRITE_STORAGE, RESET_STORAGE = 1, 2
-"""Values of the first parameter of PREFLIGHT_STORAGE: write, and reset."""
+"""Values of the first parameter of the command PREFLIGHT_STORAGE: store the parameters, and reset the stored
+parameters."""
 OWNED_COMMANDS = CommandCode.ARM, CommandCode.REQUEST_CONTROL
-"""Commands whose acknowledgements carry the session of the vehicle's owner."""
+"""Commands whose acknowledgements contain the session number of the vehicle's owner."""
 
 
 class Status(NamedTuple):
-    """Status that the vehicle reports.
+    """Status of the vehicle that is reported to ground stations and autopilot.
 
-    arming_problem: reason why the vehicle cannot be armed, or "".  confirmation_problem: reason why it cannot be armed
-    without a confirmation by the user, or "".  closed_modes: reason why a mode cannot be entered now, by mode.
+    arming_problem: reason why the vehicle cannot be armed, or "".  confirmation_problem: reason why the vehicle cannot
+    be armed without a confirmation by the user, or "".  closed_modes: reason why a mode cannot be entered now, by the
+    mode's number.
     autopilot_problem: reason why the autopilot cannot be asked to hold, resume or end, or "".
-    identity: hash number of the vehicle's settings, see `identity.digest_number`.
+    identity: hash of the vehicle's settings as a whole number, see `identity.digest_number`.
     """
 
     mode: int = 0
@@ -66,12 +69,12 @@ class Status(NamedTuple):
     arming_problem: str = ""
     confirmation_problem: str = ""
     closed_modes: Mapping[int, str] = {}
-    autopilot_problem: str = "no autopilot that takes requests"
+    autopilot_problem: str = "no autopilot that accepts requests"
     identity: int = 0
 
 
 class StationResponse(NamedTuple):
-    """Result of handling a message: packets to send, and requests to the vehicle."""
+    """Result of handling a message: packets to send, and events (requests to the vehicle)."""
 
     replies: list[bytes]
     events: list[VehicleEvent]
@@ -82,7 +85,7 @@ class Service(Protocol):
 
     @property
     def names(self) -> Collection[str]:
-        """Names of the messages that the service answers."""
+        """Names of the MAVLink messages that this service answers."""
         ...
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
@@ -90,7 +93,7 @@ class Service(Protocol):
         ...
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return the packets of the service that must be sent now."""
+        """Return the packets of this service that must be sent now."""
         ...
 
 
@@ -99,20 +102,21 @@ def _arming_sender(message: Message) -> Sender:
 
 
 class Station:
-    """Vehicle's end of the standard protocol. Set `status` when the status changes.
+    """Vehicle's end of MAVLink's standard services. The vehicle's program sets `status` when the status changes.
 
     Times are by the vehicle's clock, in 100 ns.
 
     Args:
-        endpoint: endpoint that packs the replies; pass the messages it accepts to `handle_message`.
+        endpoint: endpoint that packs the replies. The caller passes the messages accepted by the endpoint to
+            `handle_message`.
         parameters: parameters that ground stations can read and change.
-        modes: names of the modes for the user, by the mode's number.
+        modes: name of each mode for the user, by the mode's number.
         vehicle: MAVLink's type of the vehicle.
-        streams: telemetry, sent while another system (a ground station) is listening.
-        authority: record of the vehicle's owner; None: a new record without an owner.
-        services: services for further messages.
-        store: function that stores changed parameters for the next start, or clears the stored ones if it is called
-            with None. It returns the reason for a failure, or "".
+        streams: telemetry, sent while another system (e.g. a ground station) is listening.
+        authority: record of the vehicle's owner, or None to make a new record without an owner.
+        services: services that answer further messages.
+        store: function that stores changed parameters for the next start, or removes the stored parameters if it is
+            called with None. It returns the reason if storing fails, or "".
         tell: function that receives the messages on arming and control, for the vehicle's own log.
         arming_checks: function that returns the checks before arming.
     """
@@ -147,7 +151,7 @@ class Station:
         self._services = {name: service for service in services for name in service.names}
 
     def _list_answers(self) -> Mapping[str, Callable[[Message, int, StationResponse], None]]:
-        """Return the methods that answer messages, by name."""
+        """Return the methods that answer messages, by the message's name."""
         return {
             "HEARTBEAT": self._note_heartbeat,
             "TIMESYNC": self._answer_time_sync,
@@ -179,7 +183,8 @@ class Station:
         return response
 
     def due(self, now: int) -> list[bytes]:
-        """Return the packets to send now: heartbeats (at once after a change of state), texts, streams, parameters."""
+        """Return the packets to send now: heartbeats (immediately after a change of state), texts, telemetry streams,
+        parameters."""
         packets = self.texts.pack_texts()
         state = self.status.armed, self.status.state
         is_due = self._heartbeat_at is None or not 0 <= now - self._heartbeat_at < HEARTBEAT_PERIOD
@@ -193,7 +198,7 @@ class Station:
         return packets + self._parameters.due(now)
 
     def queue_text(self, severity: Severity, text: str) -> None:
-        """Queue a line of text for ground stations. Lines that do not fit into the queue are dropped and counted."""
+        """Queue a line of text for ground stations. If the queue is full, the line is dropped and counted."""
         self.texts.queue_text(severity, text)
 
     def _warn(self, text: str) -> None:
@@ -204,7 +209,8 @@ class Station:
         return self._endpoint.pack(name, fields)
 
     def _is_for_us(self, message: Message) -> bool:
-        """Return True if a message is addressed to this system and component, to all, or has no address."""
+        """Return True if a message is addressed to this system and component, is addressed to all, or has no
+        address."""
         where = message.definition.where
         for field, own in (("target_system", self._endpoint.system), ("target_component", self._endpoint.component)):
             if field in where and message.get(field) not in (0, own):
@@ -304,7 +310,8 @@ class Station:
         return CommandResult.ACCEPTED
 
     def _run_checks(self, message: Message, response: StationResponse) -> CommandResult:
-        """Report the checks before arming: all of them to the sender, and failing checks to ground stations."""
+        """Report the results of the checks before arming: all checks to the sender of the request, and failing checks
+        to ground stations."""
         if self.status.armed:
             return CommandResult.NOT_NOW
         checks = self._arming_checks()
@@ -317,7 +324,7 @@ class Station:
     def _has_changed(self, identity: float) -> bool:
         """Return True if the settings have changed since the sender of a request to arm compared them.
 
-        A request without a hash number of the settings is not checked.
+        A request that contains no hash of the settings is not checked.
         """
         own = self.status.identity
         return not self.status.armed and own != 0 and math.isfinite(identity) and identity not in (0, own)
@@ -341,7 +348,8 @@ class Station:
         return CommandResult.ACCEPTED
 
     def _change_mode(self, flags: int, mode: float, response: StationResponse, part: float = 0.0) -> CommandResult:
-        """Request a mode by its number, if it exists. part: sub-mode as in PX4; this vehicle has no sub-modes."""
+        """Request the mode with this number, if the mode exists. part: sub-mode as in PX4, which must be 0 or NaN
+        because this vehicle has no sub-modes."""
         has_parts = part == part and part != 0  # NaN means not given
         if not flags & ModeFlag.CUSTOM or mode not in self._modes or has_parts:
             known = ", ".join(f"{number} {name}" for number, name in self._modes.items())

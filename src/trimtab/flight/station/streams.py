@@ -1,7 +1,8 @@
-"""Telemetry of a vehicle: messages sent repeatedly, and lines of text for the user.
+"""Telemetry of a vehicle: messages that are sent repeatedly, and lines of text for the users of ground stations.
 
 Each message has its own rate, which ground stations may change. At most one message is sent per call, so that a slow
-link never gets a burst. A long line of text is sent in several messages. Lines that exceed the queue are dropped.
+link never gets a burst. A long line of text is sent in several messages. If the text queue is full, further lines are
+dropped.
 Source: https://mavlink.io/en/mavgen_python/howto_requestmessages.html; common.html, MAV_DATA_STREAM and STATUSTEXT.
 """
 
@@ -19,9 +20,9 @@ from trimtab.flight.station.telemetry import UNITS_PER_US
 PIECE = 50
 """Maximum number of bytes of text in one message."""
 WAITING_TEXTS_MAX = 20
-"""Maximum number of waiting text messages."""
+"""Maximum number of text messages in the queue."""
 FASTEST = ms(20)
-"""Shortest period of a message, even if a station asks for a shorter one."""
+"""Shortest period of a repeated message (100 ns), even if a ground station requests a shorter period."""
 SLOWEST = seconds(60)
 ALL_STREAMS = 0
 STREAMS: Mapping[int, frozenset[str]] = {
@@ -32,12 +33,13 @@ STREAMS: Mapping[int, frozenset[str]] = {
     10: frozenset({"ATTITUDE"}),
     11: frozenset({"VFR_HUD"}),
 }
-"""Names of the messages of each stream, by the stream's number in REQUEST_DATA_STREAM."""
+"""Names of the messages in each stream, by the stream's number in the message REQUEST_DATA_STREAM."""
 INTERVAL, HOME = "MESSAGE_INTERVAL", "HOME_POSITION"
 
 
 class TextQueue:
-    """Queue of lines of text to be sent. `dropped` counts lines that were lost because the queue was full."""
+    """Queue of lines of text for ground stations. `dropped` counts the lines that were lost because the queue was
+    full."""
 
     def __init__(self, endpoint: Endpoint) -> None:
         """Start with an empty queue."""
@@ -57,7 +59,7 @@ class TextQueue:
         self._waiting.extend((severity, piece, number, k) for k, piece in enumerate(pieces))
 
     def pack_texts(self) -> list[bytes]:
-        """Return the packets of all waiting lines."""
+        """Return the packets of all queued lines of text, and empty the queue."""
         packets = [
             self._endpoint.pack("STATUSTEXT", {"severity": severity, "text": piece, "id": number, "chunk_seq": k})
             for severity, piece, number, k in self._waiting
@@ -67,14 +69,14 @@ class TextQueue:
 
 
 def pack_text(endpoint: Endpoint, severity: Severity, text: str) -> list[bytes]:
-    """Return the packets of one line of text, for an end that needs no queue."""
+    """Return the packets of one line of text, without a queue."""
     queue = TextQueue(endpoint)
     queue.queue_text(severity, text)
     return queue.pack_texts()
 
 
 class TextAssembly:
-    """Assembler of lines of text from the pieces in messages. A line with a lost piece is dropped."""
+    """Assembler of lines of text that were sent in several messages. A line with a lost message is dropped."""
 
     def __init__(self) -> None:
         """Start without pieces."""
@@ -82,7 +84,8 @@ class TextAssembly:
         self._number = 0
 
     def join(self, message: Message) -> str | None:
-        """Return the line that a STATUSTEXT completes, with ? for unprintable characters; None: not complete yet."""
+        """Return the line of text that a STATUSTEXT message completes, with ? for unprintable characters, or None while
+        the line is incomplete."""
         piece, number, place = (message.get(n) for n in ("text", "id", "chunk_seq"))
         if not number:
             return _make_printable(piece)
@@ -99,9 +102,10 @@ def _make_printable(text: str) -> str:
 
 
 def _split_text(text: str) -> list[bytes]:
-    """Split a text into pieces for messages. If the last of several pieces is full, an empty piece is added.
+    """Split a text into pieces of at most PIECE bytes for messages. If the last of several pieces is full, an empty
+    piece is added.
 
-    A character of several bytes is not divided: spaces fill the piece before it.
+    A character of several bytes is not divided between two pieces. Spaces fill the first piece instead.
     """
     pieces = [b""]
     for letter in text:
@@ -114,9 +118,9 @@ def _split_text(text: str) -> list[bytes]:
 
 
 class TelemetryStream(NamedTuple):
-    """Repeated message with its period (100 ns).
+    """Repeated message of the telemetry, with its period (100 ns).
 
-    fields: function that returns the fields at a time, or None if there is nothing to send.
+    fields: function that returns the message's fields at a given time, or None if there is nothing to send.
     """
 
     fields: Callable[[int], Mapping[str, Any] | None]
@@ -127,7 +131,7 @@ class Streams:
     """Scheduler of the repeated messages of one vehicle. Times are by the vehicle's clock, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, streams: Mapping[str, TelemetryStream]) -> None:
-        """streams: stream of each message, by the message's name."""
+        """streams: fields and period of each repeated message, by the message's name."""
         self._endpoint, self._streams = endpoint, dict(streams)
         self._names = {endpoint.dialect.definitions[n].id: n for n in self._streams}
         self._periods = {n: s.period for n, s in self._streams.items()}
@@ -135,12 +139,14 @@ class Streams:
         self._next = 0 if self._due else FOREVER
 
     def add_on_request(self, name: str, fields: Callable[[int], Mapping[str, Any]]) -> None:
-        """Add a message that is sent on request only, because not every ground station knows the message."""
+        """Add a message that is sent only if a ground station requests it, because not every ground station knows the
+        message."""
         self._streams[name] = TelemetryStream(fields, 0)
         self._names[self._endpoint.dialect.definitions[name].id] = name
 
     def due(self, now: int) -> list[bytes]:
-        """Return the packet of the message that has been due for longest, or nothing."""
+        """Return the packet of the message that has been due for the longest time, or an empty list if no message is
+        due."""
         if now < self._next:
             return []
         name = min(self._due, key=lambda n: self._due[n])
@@ -151,7 +157,8 @@ class Streams:
         return self._stream_packet(name, now)
 
     def handle_command(self, command: int, first: float, second: float, now: int) -> tuple[CommandResult, list[bytes]]:
-        """Handle a command that requests a message, or sets or reads its rate. Return result and packets."""
+        """Handle a command that requests a message, or that sets or reads the rate of a message. Return the result of
+        the command, and packets to send."""
         if command == CommandCode.REQUEST_MESSAGE and first == self._endpoint.dialect.definitions[INTERVAL].id:
             command, first = CommandCode.GET_INTERVAL, second
         if command == CommandCode.GET_HOME:
@@ -194,7 +201,7 @@ class Streams:
         return CommandResult.ACCEPTED
 
     def _set_period(self, name: str, period: int, now: int) -> None:
-        """Set the period of a message from now on; 0: never."""
+        """Set the period (100 ns) of a message from now on. If the period is 0, the message is no longer sent."""
         if name not in self._streams:
             return
         if not period:

@@ -1,4 +1,5 @@
-"""State of a vehicle as fields of the standard messages that ground stations show. The functions store nothing.
+"""Conversion of a vehicle's state to the fields of the standard messages that ground stations show. The functions have
+no state of their own.
 
 Times `now` are by the vehicle's clock, in 100 ns. Other arguments are in SI units, as in `core.signals.Motion`.
 Source: https://mavlink.io/en/messages/common.html.
@@ -20,7 +21,7 @@ UNITS_PER_MS, UNITS_PER_US = 10_000, 10
 UNKNOWN_16, UNKNOWN_8 = 0xFFFF, 0xFF
 SERVOS, RECEIVER = 16, 18
 LOW_PULSE, PULSE_RANGE = 1000, 1000
-"""Shortest pulse of a servo, and range of its pulses (µs)."""
+"""Shortest pulse width of a servo, and width of the pulse range (µs)."""
 ON_GROUND = 1
 APPROACH = ("approach_x", "approach_y", "approach_z")
 BATTERY_CELLS, UNKNOWN_TEMPERATURE = 10, 32767
@@ -30,7 +31,7 @@ CAPABILITIES = Capability.COMMAND_INT | Capability.FILES | Capability.MAVLINK2 |
 
 
 class Health(IntFlag):
-    """Bits of MAV_SYS_STATUS_SENSOR, one for each part of a vehicle whose health is reported."""
+    """Bits of MAV_SYS_STATUS_SENSOR, one for each component of a vehicle whose health is reported."""
 
     GYRO = 1
     ACCELEROMETER = 2
@@ -42,7 +43,8 @@ class Health(IntFlag):
 
 
 class VehicleMotion(NamedTuple):
-    """Motion of a vehicle: position in W; attitude as roll, pitch and yaw; velocity and angular velocity in B."""
+    """Motion of a vehicle: position in the world frame W; attitude as roll, pitch and yaw; velocity and angular
+    velocity in the body frame B."""
 
     p_WB: Vector
     attitude: Vector
@@ -51,7 +53,7 @@ class VehicleMotion(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Geographic position: latitude, longitude (rad), height above the sea (m)."""
+    """Geographic position: latitude and longitude (rad), height above sea level (m)."""
 
     latitude: float
     longitude: float
@@ -73,7 +75,8 @@ def local_position(now: int, motion: VehicleMotion) -> Fields:
 
 
 def global_position(now: int, motion: VehicleMotion, place: Place, home: VehicleMotion) -> Fields:
-    """Return the fields of GLOBAL_POSITION_INT, with the height above the sea and the height above home."""
+    """Return the fields of GLOBAL_POSITION_INT, with the height above sea level and the height above the home
+    position."""
     velocity = rotate_to_world(motion.attitude, motion.v_WB_B)
     return {
         "time_boot_ms": _milliseconds(now),
@@ -85,8 +88,8 @@ def global_position(now: int, motion: VehicleMotion, place: Place, home: Vehicle
 
 
 def home_position(now: int, p_WB: Vector, quaternion: Vector, place: Place) -> Fields:
-    """Return the fields of HOME_POSITION, without an approach. quaternion: w, x, y, z of the rotation
-    from the body frame B to the world frame W."""
+    """Return the fields of HOME_POSITION, without an approach vector. quaternion: w, x, y, z of the rotation from the
+    body frame B to the world frame W."""
     local = dict(zip("xyz", p_WB, strict=True)) | {"q": tuple(quaternion)}
     return {"time_usec": now // UNITS_PER_US} | _place_fields(place) | local | dict.fromkeys(APPROACH, math.nan)
 
@@ -102,7 +105,8 @@ def _place_fields(place: Place, names: Sequence[str] = ("latitude", "longitude",
 
 
 def battery_status() -> Fields:
-    """Return the fields of BATTERY_STATUS, all unknown: no vehicle here measures its battery."""
+    """Return the fields of BATTERY_STATUS, all marked as unknown, because no vehicle in this package measures its
+    battery."""
     voltages = (UNKNOWN_16,) * BATTERY_CELLS
     return {"voltages": voltages, "temperature": UNKNOWN_TEMPERATURE} | dict.fromkeys(UNKNOWN_OF_BATTERY, -1)
 
@@ -120,7 +124,8 @@ def vfr_hud(motion: VehicleMotion) -> Fields:
 
 
 def inertial_sample(t: int, specific_force: Vector, angular_rate: Vector, field: Vector | None = None) -> Fields:
-    """Return the fields of HIGHRES_IMU for a sample measured at t. field: magnetic field (T), if measured."""
+    """Return the fields of HIGHRES_IMU for a sample measured at t (100 ns). field: magnetic field (T), or None if it is
+    not measured."""
     fields: dict[str, Any] = {"time_usec": t // UNITS_PER_US, "fields_updated": 0o77 if field is None else 0o777}
     for names, values in (("acc", specific_force), ("gyro", angular_rate), ("mag", field or (0.0, 0.0, 0.0))):
         fields |= {f"{axis}{names}": v for axis, v in zip("xyz", values, strict=True)}
@@ -130,14 +135,16 @@ def inertial_sample(t: int, specific_force: Vector, angular_rate: Vector, field:
 
 
 def servo_outputs(now: int, shares: Vector) -> Fields:
-    """Return the fields of SERVO_OUTPUT_RAW: actuator commands from 1 ms (lowest, 0) to 2 ms (highest, 1)."""
+    """Return the fields of SERVO_OUTPUT_RAW. The actuator commands, scaled to 0 (lowest) to 1 (highest), become pulse
+    widths from 1 to 2 ms."""
     pulses = [round(LOW_PULSE + PULSE_RANGE * s) if math.isfinite(s) else 0 for s in shares[:SERVOS]]
     time = now // UNITS_PER_US & 0xFFFFFFFF
     return {"time_usec": time} | {f"servo{k + 1}_raw": pulse for k, pulse in enumerate(pulses)}
 
 
 def receiver_channels(now: int, pulses: Vector) -> Fields:
-    """Return the fields of RC_CHANNELS: pulses of the safety pilot's receiver (s), NaN for a missing channel."""
+    """Return the fields of RC_CHANNELS. pulses: pulse widths (s) of the safety pilot's radio receiver, NaN for a
+    missing channel."""
     raw = [round(p * 1e6) if math.isfinite(p) else UNKNOWN_16 for p in pulses[:RECEIVER]]
     raw += [UNKNOWN_16] * (RECEIVER - len(raw))
     count = max((k + 1 for k, v in enumerate(raw) if v != UNKNOWN_16), default=0)
@@ -146,9 +153,10 @@ def receiver_channels(now: int, pulses: Vector) -> Fields:
 
 
 def system_health(has: Health, well: Health, lost: int, accepted: int, refused: int) -> Fields:
-    """Return the fields of SYS_STATUS, without a battery. lost, accepted, refused: counts of the link's frames so far.
+    """Return the fields of SYS_STATUS, without a battery. lost, accepted, refused: numbers of frames on the link so
+    far.
 
-    A missing fence is reported as healthy, since MAVProxy otherwise reports a breach.
+    A vehicle without a fence reports its fence as healthy, because MAVProxy would otherwise report a breach.
     """
     share = 10_000 * lost // max(lost + accepted, 1)
     return {
@@ -164,7 +172,8 @@ def system_health(has: Health, well: Health, lost: int, accepted: int, refused: 
 
 
 def landed_state(is_held: bool) -> Fields:
-    """Return the fields of EXTENDED_SYS_STATE: on the ground if `is_held`, otherwise unknown."""
+    """Return the fields of EXTENDED_SYS_STATE. If `is_held`, the vehicle is on the ground. Otherwise the landed state
+    is unknown."""
     return {"landed_state": ON_GROUND if is_held else 0}
 
 
@@ -174,7 +183,8 @@ def system_time(now: int, unix: float) -> Fields:
 
 
 def version_fields(endpoint: Endpoint) -> dict[str, Any]:
-    """Return the fields of AUTOPILOT_VERSION: capabilities, version, hash of the dialect, session and system."""
+    """Return the fields of AUTOPILOT_VERSION: capabilities, version, hash of the dialect, session number and system
+    id."""
     numbers = [min(int(n), 255) for n in re.findall(r"\d+", f"{__version__}.0.0")[:3]]
     return {
         "capabilities": CAPABILITIES,
@@ -185,7 +195,8 @@ def version_fields(endpoint: Endpoint) -> dict[str, Any]:
 
 
 def rotate_to_world(attitude: Vector, of_body: Vector) -> tuple[float, float, float]:
-    """Convert a vector from B to W: rotate it by roll, then pitch, then yaw."""
+    """Return the components of a vector in the world frame W, from its components in the body frame B: rotate by roll,
+    then pitch, then yaw."""
     x, y, z = of_body
     (cr, cp, cy), (sr, sp, sy) = map(math.cos, attitude), map(math.sin, attitude)
     y, z = cr * y - sr * z, sr * y + cr * z

@@ -1,4 +1,4 @@
-"""Dialer of a listening socket: several peers may connect, and the peer whose packets are accepted keeps the link."""
+"""Dialer for a listening socket. Several peers may connect, and the peer whose packets are accepted keeps the link."""
 
 import contextlib
 import os
@@ -9,13 +9,14 @@ from collections.abc import Callable
 from trimtab.flight.transports.reconnecting_stream import configure_socket
 
 MOST_WAITING = 16
-"""Maximum number of connections that wait for the link. A further connection closes the oldest."""
+"""Maximum number of connections that wait for the link. If another peer connects, the oldest waiting connection is
+closed."""
 
 
 class AcceptingDialer:
     """Dialer that accepts peers from a listening socket. One peer has the link, and the others wait.
 
-    Waiting peers that have sent data get the link before peers that have not.
+    Waiting peers that have sent data get the link before peers that have sent none.
 
     Args:
         listener: bound socket, on which the dialer calls listen().
@@ -34,7 +35,8 @@ class AcceptingDialer:
         listener.listen(MOST_WAITING)
 
     def dial(self) -> int:
-        """Return the connection of a peer that has sent data, or of the longest waiting peer; -1 without a peer."""
+        """Return the file descriptor of a peer's connection, or -1 without a peer. Peers that have sent data are
+        preferred, otherwise the peer that has waited longest."""
         self._accept_waiting()
         speakers = self._find_speakers()
         if not self._waiting:
@@ -44,7 +46,8 @@ class AcceptingDialer:
         return fd
 
     def exchange(self, fd: int) -> int:
-        """Return the connection of a waiting peer that has sent data. The given connection then waits instead.
+        """Exchange the current connection `fd` for the connection of a waiting peer that has sent data, and return the
+        new one. The current connection then waits.
 
         Return -1 if no waiting peer has sent data.
         """
@@ -69,7 +72,8 @@ class AcceptingDialer:
                 os.close(self._waiting.pop(0))
 
     def _find_speakers(self) -> list[int]:
-        """Return the waiting connections with data, in the order of arrival; close connections that have ended."""
+        """Return the waiting connections that have received data, in the order of connecting. Close connections that
+        have ended."""
         heard = {fd: _count_waiting_bytes(fd) for fd in self._waiting}
         for fd, count in heard.items():
             if count == 0:
@@ -78,7 +82,7 @@ class AcceptingDialer:
         return [fd for fd, count in heard.items() if count]
 
     def wait_event(self) -> tuple[int, int]:
-        """Return the event after which to dial again: the listening socket is readable."""
+        """Return the event after which `dial` must be called again: the listening socket is readable."""
         return self._listener.fileno(), select.POLLIN
 
     def close(self) -> None:
@@ -91,7 +95,8 @@ class AcceptingDialer:
 
 
 def _count_waiting_bytes(fd: int) -> int | None:
-    """Return 1 if a connection has unread bytes, 0 if it has ended, None if it is open without unread bytes."""
+    """Return 1 if a connection has unread bytes, 0 if the connection has ended, or None if it is open and has no unread
+    bytes."""
     s = socket.socket(fileno=fd)
     try:
         return len(s.recv(1, socket.MSG_PEEK))

@@ -1,4 +1,5 @@
-"""Loopback link: packets between programs of one user on one machine, or within a program, ``loopback://NAME``."""
+"""Loopback link ``loopback://NAME``, which carries packets between programs of one user on one machine, or within a
+program."""
 
 import contextlib
 import os
@@ -15,9 +16,10 @@ from trimtab.flight.transports.reconnecting_stream import ConnectingDialer, Stre
 
 
 def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:
-    """Connect to the listener with a name, even before it exists; or listen under that name, for one peer at a time.
+    """Connect to the listener with the name in `address`, even before the listener exists. With `listen`, listen under
+    this name, for one peer at a time.
 
-    The link uses Unix sockets that preserve packets, in a folder that only its owner may enter.
+    The link uses Unix sockets that preserve the boundaries of packets, in a folder that only its owner may enter.
     """
     address.validate_options()
     if not re.fullmatch(r"[A-Za-z0-9_.-]{1,40}", address.place) or address.path:
@@ -48,7 +50,7 @@ def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:
 
 
 def socket_folder() -> Path:
-    """Return the folder of the sockets, in XDG_RUNTIME_DIR or the temporary folder.
+    """Return the folder of the sockets, in the folder $XDG_RUNTIME_DIR or in the temporary folder.
 
     Raise InputError if other users may enter the folder.
     """
@@ -67,7 +69,7 @@ def socket_folder() -> Path:
 
 
 def _acquire_lock(address: Address, place: Path) -> int:
-    """Return a lock that is held by the listener; the system releases it when the process ends."""
+    """Return a lock that is held by the listener. The system releases the lock when the process ends."""
     import fcntl  # not available on every system
 
     lock = os.open(place.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -84,5 +86,5 @@ def _make_socket(address: Address) -> socket.socket:
         return socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     except (OSError, AttributeError):
         raise address.input_error(
-            "this system has no Unix sockets that preserve packets", "udp://127.0.0.1:14550"
+            "this system has no Unix sockets that preserve the boundaries of packets", "udp://127.0.0.1:14550"
         ) from None

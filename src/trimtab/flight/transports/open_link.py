@@ -1,4 +1,4 @@
-"""Open a real transport by its address, ``SCHEME://PLACE?NAME=VALUE``."""
+"""Opening of a real link (serial, UDP, TCP, Bluetooth, loopback) by its address, ``SCHEME://PLACE?NAME=VALUE``."""
 
 import importlib
 from collections.abc import Iterable, Mapping
@@ -18,14 +18,14 @@ EXAMPLES: Mapping[str, str] = MappingProxyType(
         "loopback": "loopback://hovercraft",
     }
 )
-"""Scheme of a transport -> example of an address."""
+"""Example of an address for each type of link, by the scheme of the address."""
 
-COPY_EXAMPLE = "write an address like one of the choices"
+COPY_EXAMPLE = "write an address in the form of one of the choices"
 LOOPBACK_HOST = "127.0.0.1"
 
 
 class Address(NamedTuple):
-    """Parsed address of a link. place: the part between ``//`` and the path."""
+    """Parsed address of a link. place: part of the address between ``//`` and the path."""
 
     text: str
     scheme: str
@@ -34,11 +34,12 @@ class Address(NamedTuple):
     options: Mapping[str, str]
 
     def input_error(self, problem: str, fix: str = "", choices: Iterable[str] = ()) -> InputError:
-        """Return an error about this address. The default fix is an example of an address with the same scheme."""
+        """Return an InputError about this address. The default for the fix is an example of an address with the same
+        scheme."""
         return InputError(f"link {self.text!r}", problem, choices=choices, fix=fix or EXAMPLES[self.scheme])
 
     def validate_options(self, *names: str) -> Mapping[str, str]:
-        """Return the options of the address. Raise InputError if an option is not in `names`."""
+        """Return the options in the address, by name. Raise InputError if an option is not in `names`."""
         for name in self.options:
             if name not in names:
                 problem = f"{self.scheme} has no option {name!r}"
@@ -47,7 +48,8 @@ class Address(NamedTuple):
         return self.options
 
     def host_and_port(self) -> tuple[str, int]:
-        """Return host and port of ``HOST:PORT``, ``[IPV6]:PORT`` or ``:PORT``, which means this machine only."""
+        """Return the host and the port in ``HOST:PORT``, ``[IPV6]:PORT`` or ``:PORT``. The form ``:PORT`` means this
+        machine only."""
         host, colon, port = self.place.rpartition(":")
         number = int(port) if port.isascii() and port.isdigit() else 0
         if not colon or not 0 < number < 65536 or self.path not in ("", "/"):
@@ -55,7 +57,9 @@ class Address(NamedTuple):
         if host.startswith("[") and host.endswith("]"):
             host = host[1:-1]
         elif ":" in host:
-            raise self.input_error(f"the host {host!r} contains colons", f"{self.scheme}://[{host}]:{number}")
+            raise self.input_error(
+                f"the host {host!r} contains colons, but has no brackets", f"{self.scheme}://[{host}]:{number}"
+            )
         return host or LOOPBACK_HOST, number
 
 
@@ -79,7 +83,7 @@ def parse_uri(uri: str) -> Address:
 
 
 def _describe_scheme(uri: str) -> str:
-    """Describe the fault of an address that does not begin with one of the schemes and "://"."""
+    """Return a description of the error in an address that does not begin with a valid scheme and "://"."""
     scheme, separator, _ = uri.partition("://")
     if separator:
         return f"unknown scheme {scheme!r}"
@@ -88,16 +92,16 @@ def _describe_scheme(uri: str) -> str:
 
 
 def open_link(uri: str, *, listen: bool = False) -> Link:
-    """Open a link. Raise InputError if that fails. The methods of an open link do not raise.
+    """Open a link. Raise InputError if the link cannot be opened. The methods of an open link raise no exceptions.
 
     Args:
         uri: ``serial:///dev/ttyUSB0?baud=115200``, ``udp://HOST:PORT``, ``tcp://HOST:PORT``,
             ``rfcomm://AA:BB:CC:DD:EE:FF/1`` or ``loopback://NAME``.
-        listen: listen for peers; on udp and tcp for this machine only (``udp://:14550``) unless a host is given
-            (``udp://0.0.0.0:14550``).
+        listen: True to listen for peers. On udp and tcp, only this machine can connect (``udp://:14550``), unless the
+            address has a host (``udp://0.0.0.0:14550``).
 
     Returns:
-        A link that reconnects by itself when its device or peer returns.
+        A link that reconnects automatically when its device or peer is available again.
     """
     address = parse_uri(uri)
     module = importlib.import_module(f"trimtab.flight.transports.{address.scheme}")

@@ -1,4 +1,4 @@
-"""Link over one connection, which is restored after a break: serial lines, TCP, RFCOMM, Unix sockets."""
+"""Link over one connection (serial line, TCP, RFCOMM or Unix socket), which reconnects after an interruption."""
 
 import contextlib
 import errno
@@ -13,38 +13,44 @@ from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock, wait_until_re
 from trimtab.core.interfaces import Audience, LinkStatistics
 
 SEND_BUFFER_BYTES = 32 * 1024
-"""Size of the send buffer. It is small, so that a slow link drops data at once and does not send it seconds later."""
+"""Size of the send buffer (bytes). The buffer is small, so that a slow link drops data immediately instead of sending
+it seconds later."""
 FIRST_WAIT, LONGEST_WAIT = 0.05, 2.0
-"""First and longest time (s) between two attempts to connect. The time is doubled after each failure."""
+"""Shortest and longest time (s) between two attempts to connect. The time starts at the shortest and is doubled after
+each failure."""
 STEADY = 1.0
-"""Duration of a connection (s) after which attempts to reconnect start with the shortest waiting time."""
+"""Duration (s) of a connection above which attempts to reconnect start with the shortest waiting time again."""
 SLICE = 0.2
-"""Longest single wait (s), so that a link closed by another thread is noticed."""
+"""Longest single wait (s). The limit ensures that the receiving thread detects that another thread has closed the
+link."""
 PIECE = 65536
-"""Maximum number of bytes that one call reads."""
+"""Maximum number of bytes that one call of `receive` reads."""
 LONGEST_MUTE = 3.0
 """Time (s) without an accepted packet after which a peer loses the link to another peer that sends data."""
 TRIAL = 0.3
-"""Time (s) within which a new peer must send an accepted packet if another peer sends data."""
+"""Time (s) within which a new peer must send an accepted packet. Otherwise it loses the link to another peer that sends
+data."""
 UNFIT = (errno.EMSGSIZE, errno.EINVAL, errno.ENOBUFS, errno.ENOMEM)
-"""Numbers of errors that concern only one packet. After such an error, the connection is kept."""
+"""Error codes (errno) that concern only one packet. After such an error, the connection is kept."""
 
 
 class Dialer(Protocol):
-    """Interface that makes connections, without blocking."""
+    """Interface of an object that makes connections without blocking."""
 
     def dial(self) -> int:
-        """Return a connected, non-blocking descriptor, or -1 while connecting. Raise OSError if an attempt failed."""
+        """Return a connected, non-blocking file descriptor, or -1 while connecting. Raise OSError if an attempt has
+        failed."""
         ...
 
     def wait_event(self) -> tuple[int, int]:
-        """Return descriptor and poll mask of the event after which to dial again; (-1, 0) if only time decides."""
+        """Return file descriptor and poll mask of the event after which `dial` must be called again, or (-1, 0) if no
+        event signals this."""
         ...
 
     def exchange(self, fd: int) -> int:
-        """Return the connection of another peer that has sent data; -1 without such a peer.
+        """Return the file descriptor of another peer that has sent data, or -1 without such a peer.
 
-        If there is such a peer, the given connection waits from then on.
+        If there is such a peer, the current connection `fd` waits from then on.
         """
         ...
 
@@ -54,10 +60,11 @@ class Dialer(Protocol):
 
 
 class StreamLink:
-    """Byte stream over a connection. After a break it reconnects, at first at once, then at growing intervals.
+    """Link that sends bytes over one connection. After an interruption the link reconnects, first immediately, then at
+    increasing intervals.
 
-    One thread receives, another may send. A packet is either dropped or written completely: the next packet waits for
-    its last bytes. Data beyond the system's buffer is not queued.
+    One thread receives, and another thread may send. A packet is either dropped or written completely. The next packet
+    is not written before the last bytes of this packet. Data that exceed the system's buffer are not queued.
     """
 
     def __init__(self, dialer: Dialer, clock: Clock = SYSTEM_CLOCK) -> None:
@@ -74,7 +81,7 @@ class StreamLink:
         return self._counts.statistics(self._fd >= 0)
 
     def receive(self, timeout: float) -> bytes | None:
-        """Return the next piece of the stream, or None after `timeout` seconds without one."""
+        """Return the next received bytes, or None after `timeout` seconds without data."""
         deadline = self._seconds() + timeout
         while not self._closed:
             self._change_speaker()
@@ -104,11 +111,11 @@ class StreamLink:
             return self._counts.count_sent(len(packet))
 
     def has_audience(self, audience: Audience) -> bool:
-        """Return True unless the audience is PUBLIC. The only peer counts as private."""
+        """Return True unless the audience is PUBLIC, because the only peer of the link counts as private."""
         return audience is not Audience.PUBLIC
 
     def accept_sender(self, *, is_private: bool = False) -> None:
-        """Accept the connected peer after a good packet. The peer keeps the connection even if other peers wait."""
+        """Accept the connected peer after a valid packet. The peer then keeps the link even if other peers wait."""
         self._vouched, self._is_accepted = self._seconds(), True
 
     def reply(self, packet: bytes) -> bool:
@@ -116,7 +123,7 @@ class StreamLink:
         return self.send(packet)
 
     def fileno(self) -> int:
-        """Return the descriptor for select(), or -1 without a connection."""
+        """Return the file descriptor for select(), or -1 without a connection."""
         return self._fd
 
     def close(self) -> None:
@@ -132,7 +139,8 @@ class StreamLink:
         return self._clock.monotonic_ns() / NS_PER_SECOND
 
     def _connect(self) -> int:
-        """Return the descriptor of the connection, dialling if due; -1 if not connected."""
+        """Return the file descriptor of the connection, or -1 if not connected. If an attempt to connect is due, make
+        it."""
         with self._lock:
             now = self._seconds()
             if self._fd >= 0 or self._closed or now < self._next:
@@ -153,7 +161,8 @@ class StreamLink:
         self._counts.connections += 1
 
     def _change_speaker(self) -> None:
-        """Give the link to another peer that sends, if the current peer has sent no accepted packet for too long."""
+        """Give the link to another peer that sends data, if the current peer has sent no accepted packet for too
+        long."""
         if self._fd < 0 or self._seconds() - self._vouched < (LONGEST_MUTE if self._is_accepted else TRIAL):
             return
         with self._lock:
@@ -189,7 +198,8 @@ class StreamLink:
         self._fd, self._rest = -1, b""
 
     def _read(self, connection: int) -> bytes | None:
-        """Return received bytes; None if no bytes came, or if the connection number has changed."""
+        """Return received bytes, or None if no bytes have arrived or the connection has changed. connection: number of
+        the expected connection."""
         with self._lock:
             if self._fd < 0 or connection != self._counts.connections:
                 return None
@@ -207,13 +217,15 @@ class StreamLink:
             return None
 
     def _flush(self) -> bool:
-        """Write the rest of the last packet. Return True if the packet is complete and the connection still open."""
+        """Write the remaining bytes of the last packet. Return True if this packet is complete and the connection is
+        still open."""
         if self._rest:
             self._rest = self._rest[self._write(self._rest) :]
         return not self._rest and self._fd >= 0
 
     def _write(self, data: bytes) -> int:
-        """Write data. Return the number of written bytes. Errors that do not concern the packet end the connection."""
+        """Write data, and return the number of written bytes. An error ends the connection, unless it concerns only
+        this packet."""
         try:
             return os.write(self._fd, data)
         except BlockingIOError:
@@ -238,18 +250,18 @@ class LinkCounters:
         return packet
 
     def count_sent(self, size: int) -> bool:
-        """Count a sent packet of this size. Return True."""
+        """Count a sent packet of `size` bytes. Return True, the result of `send`."""
         self.bytes_out += size
         self.packets_out += 1
         return True
 
     def count_dropped(self) -> bool:
-        """Count a packet that could not be sent. Return False."""
+        """Count a packet that could not be sent. Return False, the result of `send`."""
         self.dropped += 1
         return False
 
     def statistics(self, connected: bool) -> LinkStatistics:
-        """Return the counters. Every connection after the first counts as a reconnection."""
+        """Return the values of the counters. Every connection after the first counts as a reconnection."""
         again = max(self.connections - 1, 0)
         into, out = (self.bytes_in, self.bytes_out), (self.packets_in, self.packets_out)
         return LinkStatistics(*into, *out, self.dropped, again, connected)
@@ -268,7 +280,8 @@ class ConnectingDialer:
         self._under_way: socket.socket | None = None
 
     def dial(self) -> int:
-        """Return the connected descriptor, or -1 while the peer has not answered. Raise OSError if the peer refuses."""
+        """Return the connected file descriptor, or -1 while the peer has not answered. Raise OSError if the peer
+        refuses the connection."""
         if self._under_way is None:
             self._under_way = configure_socket(self._make())
             try:
@@ -288,11 +301,11 @@ class ConnectingDialer:
         return connected.detach()
 
     def wait_event(self) -> tuple[int, int]:
-        """Return the event after which to dial again: the connecting socket is writable."""
+        """Return the event after which `dial` must be called again: the connecting socket is writable."""
         return (-1, 0) if self._under_way is None else (self._under_way.fileno(), select.POLLOUT)
 
     def exchange(self, fd: int) -> int:
-        """Return -1: the dialer has only one peer."""
+        """Return -1, because this dialer has only one peer."""
         return -1
 
     def close(self) -> None:
@@ -303,7 +316,8 @@ class ConnectingDialer:
 
 
 def _is_self_connection(s: socket.socket) -> bool:
-    """Return True if a socket is connected to itself, after it dialled an unused local port and was given that port."""
+    """Return True if a socket is connected to itself. This happens if it connects to an unused local port and the
+    system assigns this same port to it."""
     try:
         return s.family in (socket.AF_INET, socket.AF_INET6) and s.getsockname() == s.getpeername()
     except OSError:
@@ -311,7 +325,7 @@ def _is_self_connection(s: socket.socket) -> bool:
 
 
 def configure_socket(s: socket.socket) -> socket.socket:
-    """Make a socket non-blocking, with a small send buffer. Return it."""
+    """Make a socket non-blocking, with a small send buffer, and return the socket."""
     s.setblocking(False)
     with contextlib.suppress(OSError):
         s.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)

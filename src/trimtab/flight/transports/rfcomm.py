@@ -1,4 +1,4 @@
-"""Link over a Bluetooth serial port: ``rfcomm://AA:BB:CC:DD:EE:FF/1``, with address and channel."""
+"""Link over a Bluetooth serial port: ``rfcomm://AA:BB:CC:DD:EE:FF/1``, with the module's address and the channel."""
 
 import re
 import socket
@@ -16,12 +16,14 @@ ANY_ADAPTER = "00:00:00:00:00:00"
 def open_rfcomm(
     address: Address, *, listen: bool = False, stack: "Callable[[str, int, bool], Dialer] | None" = None
 ) -> StreamLink:
-    """Connect to a Bluetooth module, or listen on an adapter of this machine (00:00:00:00:00:00: any adapter).
+    """Connect to a Bluetooth module, or listen on an adapter of this machine. The address 00:00:00:00:00:00 means any
+    adapter.
 
     Args:
         address: parsed address.
-        listen: wait for a peer.
-        stack: function that makes the connections, from address, channel and `listen`; None: the system's kernel.
+        listen: True to wait for a peer.
+        stack: function that returns a dialer for address, channel and `listen`, or None to use the Bluetooth sockets of
+            the system's kernel.
     """
     address.validate_options()
     place = _parse_place(address)
@@ -38,7 +40,7 @@ def _kernel_dialer(address: Address, place: tuple[str, int], listen: bool) -> Di
         return AcceptingDialer(listener)
     except OSError as error:
         listener.close()
-        fix = f"rfcomm://{ANY_ADAPTER}/{place[1]}; hciconfig shows the adapters"
+        fix = f"rfcomm://{ANY_ADAPTER}/{place[1]}; the command hciconfig lists the adapters"
         raise address.input_error(f"cannot listen there ({error.strerror})", fix) from None
 
 
@@ -58,7 +60,10 @@ def _bluetooth_socket_factory(address: Address) -> Callable[[], socket.socket]:
     """Return a function that makes the system's Bluetooth sockets. Raise InputError without Bluetooth."""
     names: Any = socket
     if not hasattr(names, "AF_BLUETOOTH"):
-        fix = "use a Python built with Bluetooth headers (the distribution's), or bind a port: rfcomm bind 0 ADDRESS 1"
+        fix = (
+            "use a Python built with Bluetooth headers (e.g. the Python of your distribution), or bind a serial "
+            "port: rfcomm bind 0 ADDRESS 1"
+        )
         raise address.input_error("this Python was built without Bluetooth", fix)
 
     def make() -> socket.socket:

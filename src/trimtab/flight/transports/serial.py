@@ -1,4 +1,5 @@
-"""Serial line: ``serial:///dev/ttyUSB0?baud=115200``, with eight bits, no parity, one stop bit, no flow control."""
+"""Link over a serial line, ``serial:///dev/ttyUSB0?baud=115200``, with eight data bits, no parity, one stop bit, no
+flow control."""
 
 import errno
 import os
@@ -13,13 +14,14 @@ DEVICES = ("ttyUSB*", "ttyACM*", "ttyAMA*", "ttyS*", "rfcomm*")
 
 
 def open_serial(address: Address, *, listen: bool = False) -> StreamLink:
-    """Open a serial line. Both ends are alike, so `listen` has no effect. Raise InputError if the device is missing.
+    """Open a serial line. The two ends of a serial line are alike, so `listen` has no effect. Raise InputError if the
+    device is missing.
 
-    A device that is unplugged is opened again as soon as its path exists again.
+    If the device is unplugged, it is opened again as soon as its path exists again.
     """
     del listen
     if address.place or not address.path:
-        raise address.input_error("the path of a device starts with a third '/'")
+        raise address.input_error("the address must contain the path of a device, which starts with a third '/'")
     speed = _parse_speed(address)
     line = _SerialDialer(address.path, speed)
     try:
@@ -30,20 +32,21 @@ def open_serial(address: Address, *, listen: bool = False) -> StreamLink:
 
 
 class _SerialDialer:
-    """Dialer that opens the device."""
+    """Dialer that opens the device of a serial line."""
 
     def __init__(self, path: str, speed: int) -> None:
         self._path, self._speed = path, speed
 
     def dial(self) -> int:
-        """Return the device, in raw mode, with empty buffers, for this program alone. Raise OSError if it is in use."""
+        """Return the file descriptor of the device, in raw mode, with empty buffers, and locked for this program. Raise
+        OSError if the device is in use."""
         import fcntl  # not available on every system
         import termios
 
         fd = os.open(self._path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            fcntl.ioctl(fd, termios.TIOCEXCL)  # excludes programs that ignore the lock
+            fcntl.ioctl(fd, termios.TIOCEXCL)  # this also excludes programs that ignore the lock
             termios.tcsetattr(fd, termios.TCSANOW, _raw_settings(termios, termios.tcgetattr(fd), self._speed))
             termios.tcflush(fd, termios.TCIFLUSH)
         except termios.error as error:
@@ -59,7 +62,7 @@ class _SerialDialer:
         return -1, 0
 
     def exchange(self, fd: int) -> int:
-        """Return -1: a device has one peer."""
+        """Return -1, because a device has only one peer."""
         return -1
 
     def close(self) -> None:
@@ -67,7 +70,7 @@ class _SerialDialer:
 
 
 def _raw_settings(termios: Any, flags: list[Any], speed: int) -> list[Any]:
-    """Return settings under which every byte passes unchanged."""
+    """Return terminal settings with which every byte is transferred unchanged."""
     flags[:4] = 0, 0, termios.CS8 | termios.CREAD | termios.CLOCAL, 0
     flags[4] = flags[5] = speed
     flags[6][termios.VMIN], flags[6][termios.VTIME] = 1, 0
@@ -75,7 +78,7 @@ def _raw_settings(termios: Any, flags: list[Any], speed: int) -> list[Any]:
 
 
 def _parse_speed(address: Address) -> int:
-    """Return the system's number for the baud rate."""
+    """Return the system's code for the baud rate in the address."""
     text = address.validate_options("baud").get("baud", str(DEFAULT_BAUD))
     try:
         import termios
@@ -89,11 +92,15 @@ def _parse_speed(address: Address) -> int:
 
 
 def _opening_error(address: Address, error: OSError) -> Exception:
-    """Return an error, with a fix, for a device that cannot be opened."""
+    """Return an InputError, with a fix, for a device that cannot be opened."""
     devices = sorted(str(p) for pattern in DEVICES for p in Path("/dev").glob(pattern))
-    fix = f"serial://{devices[0]}?baud={DEFAULT_BAUD}" if devices else "plug the device in; ls /dev/tty* shows it"
+    fix = (
+        f"serial://{devices[0]}?baud={DEFAULT_BAUD}"
+        if devices
+        else "plug the device in; the command  ls /dev/tty*  lists the devices"
+    )
     if error.errno in (errno.EWOULDBLOCK, errno.EBUSY):
-        fix = f"end the other program, which  fuser {address.path}  shows"
+        fix = f"end the other program; the command  fuser {address.path}  shows its process id"
         return address.input_error("another program uses the device", fix)
     if isinstance(error, PermissionError):
         fix = "sudo usermod -a -G dialout $USER, and log in again"

@@ -1,4 +1,4 @@
-"""TCP connection: ``tcp://HOST:PORT``, e.g. to the serial port of an emulated microcontroller."""
+"""Link over a TCP connection, ``tcp://HOST:PORT``, e.g. to the serial port of an emulated microcontroller."""
 
 import contextlib
 import socket
@@ -9,12 +9,12 @@ from trimtab.flight.transports.open_link import Address
 from trimtab.flight.transports.reconnecting_stream import ConnectingDialer, StreamLink
 
 GONE_MS = 5000
-"""Time (ms) without acknowledgement of sent data after which a peer counts as disconnected."""
+"""Time (ms) without an acknowledgement of sent data after which a peer counts as disconnected."""
 
 
 def open_tcp(address: Address, *, listen: bool = False) -> StreamLink:
-    """Connect to a peer, even before it exists; or listen for one peer at a time, on this machine only unless a host is
-    given.
+    """Connect to a peer, even before the peer exists. With `listen`, listen for one peer at a time. Only programs on
+    this machine can connect, unless the address has a host.
     """
     address.validate_options()
     family, place = resolve_host(address, socket.SOCK_STREAM)
@@ -25,7 +25,8 @@ def open_tcp(address: Address, *, listen: bool = False) -> StreamLink:
 
 
 def resolve_host(address: Address, kind: int) -> tuple[int, Any]:
-    """Return address family and address for connect() and bind(). Raise InputError for an unknown host."""
+    """Return the address family and the socket address for connect() and bind(). Raise InputError for an unknown
+    host."""
     host, port = address.host_and_port()
     try:
         family, _, _, _, place = socket.getaddrinfo(host, port, type=kind)[0]

@@ -1,4 +1,5 @@
-"""Link over UDP datagrams: ``udp://HOST:PORT``. The listening end sends to peers accepted in the last ten seconds."""
+"""Link over UDP datagrams, ``udp://HOST:PORT``. The listening end sends to all peers that were accepted in the last ten
+seconds."""
 
 import contextlib
 import socket
@@ -11,14 +12,16 @@ from trimtab.flight.transports.reconnecting_stream import LinkCounters, configur
 from trimtab.flight.transports.tcp import bind_socket, resolve_host
 
 HEARD_WITHIN = 10 * NS_PER_SECOND
-"""Time (ns) after its last accepted packet for which a peer gets packets and counts as connected."""
+"""Time (ns) after the last accepted packet of a peer for which the peer counts as connected and packets are sent to
+it."""
 MOST_PEERS = 16
 """Maximum number of peers. A new sender never evicts a known one."""
 LARGEST = 65535
 
 
 def open_udp(address: Address, *, listen: bool = False) -> "UdpLink":
-    """Connect to one peer and receive from that peer only; or listen, on this machine only unless a host is given."""
+    """Connect to one peer, and receive packets only from this peer. With `listen`, listen for peers. Only programs on
+    this machine can send, unless the address has a host."""
     address.validate_options()
     family, place = resolve_host(address, socket.SOCK_DGRAM)
     if listen:
@@ -33,22 +36,23 @@ def open_udp(address: Address, *, listen: bool = False) -> "UdpLink":
 
 
 class DatagramSocket(Protocol):
-    """Methods of a socket that a UdpLink uses. The socket is the kernel's, or one of a virtual network."""
+    """Interface of a datagram socket for UdpLink: a socket of the system's kernel, or of a virtual network."""
 
     def fileno(self) -> int:
-        """Return the descriptor, -1 once the socket is closed."""
+        """Return the file descriptor, or -1 once the socket is closed."""
         ...
 
     def recvfrom(self, size: int, /) -> tuple[bytes, Any]:
-        """Return the next packet and its sender's address. Raise BlockingIOError if no packet waits."""
+        """Return the next packet and the address of the packet's sender. Raise BlockingIOError if no packet has
+        arrived."""
         ...
 
     def send(self, packet: bytes, /) -> int:
-        """Send a packet to the peer to which the socket is connected. Return the number of bytes."""
+        """Send a packet to the peer to which the socket is connected. Return the number of sent bytes."""
         ...
 
     def sendto(self, packet: bytes, address: Any, /) -> int:
-        """Send a packet to an address. Return the number of bytes."""
+        """Send a packet to an address. Return the number of sent bytes."""
         ...
 
     def close(self) -> None:
@@ -57,14 +61,14 @@ class DatagramSocket(Protocol):
 
 
 class UdpLink:
-    """Link to one peer, or to all recently accepted peers. One thread receives, another may send.
+    """Link over UDP to one peer, or to all recently accepted peers. One thread receives, and another thread may send.
 
-    Any machine can send to a bound socket. The receiver marks the sender of a good packet by `accept_sender`. The link
-    sends only to accepted peers, so that a stranger without the key gets no data.
+    Any machine can send packets to a listening socket. If a packet is valid, the caller accepts its sender by
+    `accept_sender`. The link sends only to accepted peers, so that a stranger without the key gets no data.
 
     Args:
-        endpoint: non-blocking socket, bound, or connected to `peer`.
-        peer: peer to send to, accepted or not; None: all accepted peers.
+        endpoint: non-blocking socket, listening or connected to `peer`.
+        peer: only peer of the link, or None to send to all accepted peers.
         clock: clock by which the link waits.
     """
 
@@ -89,11 +93,11 @@ class UdpLink:
 
     @property
     def sender(self) -> Any:
-        """Return the sender's address of the last received packet, or None before the first."""
+        """Return the address of the sender of the last received packet, or None before the first packet."""
         return self._sender
 
     def receive(self, timeout: float) -> bytes | None:
-        """Return the next packet, or None after `timeout` seconds without one."""
+        """Return the next packet, or None after `timeout` seconds without a packet."""
         deadline = self._clock.monotonic_ns() + timeout * NS_PER_SECOND
         while self._socket.fileno() >= 0:
             left = max((deadline - self._clock.monotonic_ns()) / NS_PER_SECOND, 0.0)
@@ -110,7 +114,8 @@ class UdpLink:
         return None
 
     def send(self, packet: bytes, audience: Audience = Audience.ALL) -> bool:
-        """Send a packet to the peer, or to all accepted peers of the audience. Return False if no peer got it."""
+        """Send a packet to the only peer, or to all accepted peers of the audience. Return False if the packet was sent
+        to no peer."""
         taken = sum([self._send_to(packet, peer) for peer in self._peers_of(audience)])
         return self._counts.count_sent(len(packet)) if taken else self._counts.count_dropped()
 
@@ -119,7 +124,8 @@ class UdpLink:
         return bool(self._peers_of(audience))
 
     def _peers_of(self, audience: Audience) -> tuple[Any, ...]:
-        """Return the addresses of an audience. None means the peer to which the socket is connected."""
+        """Return the addresses of the peers in an audience. The address None means the peer to which the socket is
+        connected."""
         if self._fixed:
             return () if audience is Audience.PUBLIC else (None,)
         if audience is Audience.ALL:
@@ -129,7 +135,7 @@ class UdpLink:
         return tuple(peer for peer in self.peers if (peer in private) == (audience is Audience.PRIVATE))
 
     def accept_sender(self, *, is_private: bool = False) -> None:
-        """Accept the sender of the last received packet as a peer, if there is room for another peer."""
+        """Accept the sender of the last received packet as a peer, unless MOST_PEERS peers are already connected."""
         peer, self._latest = self._latest, None
         if peer is None:
             return
@@ -145,7 +151,7 @@ class UdpLink:
             self._private[peer] = now
 
     def reply(self, packet: bytes) -> bool:
-        """Send a packet only to the sender of the last packet, whether it is accepted or not."""
+        """Send a packet only to the sender of the last received packet, even if this sender is not accepted."""
         peer = self._sender
         if peer is None:
             return self._counts.count_dropped()
@@ -153,7 +159,7 @@ class UdpLink:
         return self._counts.count_sent(len(packet)) if taken else self._counts.count_dropped()
 
     def fileno(self) -> int:
-        """Return the descriptor for select(), or -1 once closed."""
+        """Return the file descriptor for select(), or -1 once the link is closed."""
         return self._socket.fileno()
 
     def close(self) -> None:
