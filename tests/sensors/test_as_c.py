@@ -29,7 +29,7 @@ SENSORS = {
 @pytest.mark.thorough("imu", "delayed-gyro", "magnetometer")
 @pytest.mark.skipif(not shutil.which("gcc"), reason="no gcc here")
 @pytest.mark.parametrize("name", SENSORS)
-def test_step_as_c(name):
+def test_generated_c_step_matches_jax(name):
     sensor = to_arrays(SENSORS[name])
 
     def step(sensor, state, t):

@@ -96,7 +96,7 @@ def _unit_reading(imu):
 
 
 @pytest.mark.parametrize(("one", "other"), list(combinations(UNIT, 2)))
-def test_options_of_the_inertial_unit_in_pairs(one, other):
+def test_imu_option_pairs_match_numpy_reference(one, other):
     options = UNIT[one] | UNIT[other]
     reading = _unit_reading(to_arrays(unit_of(options)))
     force, rate, full, gyro_full = unit_by_hand(options)
@@ -155,7 +155,7 @@ def _field_reading(sensor):
 
 
 @pytest.mark.parametrize(("one", "other"), list(combinations(COMPASS, 2)))
-def test_options_of_the_magnetometer_in_pairs(one, other):
+def test_magnetometer_option_pairs_match_numpy_reference(one, other):
     options = COMPASS[one] | COMPASS[other]
     reading = _field_reading(to_arrays(compass_of(options)))
     field, full = compass_by_hand(options)
@@ -209,7 +209,7 @@ def ranges_by_hand(o):
 
 
 @pytest.mark.parametrize(("one", "other"), list(combinations(RANGING, 2)))
-def test_options_of_ultrasonic_ranging_in_pairs(one, other):
+def test_ultrasonic_option_pairs_match_numpy_reference(one, other):
     options = RANGING[one] | RANGING[other]
     sensor = to_arrays(ranging_of(options))
     motion = replace(MOTION, p_WB=PLACE, attitude=np.array(options.get("attitude", LEVEL)))
