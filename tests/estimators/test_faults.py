@@ -193,7 +193,7 @@ def sigmas_off(state, fault):
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", FAULTS)
 @pytest.mark.parametrize("form", FORMS)
-def test_it_is_flagged_and_the_sigmas_stay_honest(form, name):
+def test_each_fault_is_flagged_and_sigmas_stay_consistent(form, name):
     fault = FAULTS[name]
     state = flown(FORMS[form], fault)
     flags = fault.signal(state)
@@ -221,14 +221,14 @@ TRUSTING = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", TRUSTING)
-def test_a_filter_that_takes_it_for_true_is_wrong(name):
+def test_filter_without_fault_detection_is_wrong(name):
     """That these are faults at all: the same flights, the same filter without the test for it."""
     believed = {key: np.asarray(v, getattr(FEEDBACK.intake, key).dtype) for key, v in TRUSTING[name].items()}
     naive = replace(FEEDBACK, intake=replace(FEEDBACK.intake, **believed))
     assert max(sigmas_off(flown(naive, FAULTS[name]), FAULTS[name]).values()) > 6
 
 
-def test_giving_in_to_a_frozen_sensor_is_refused():
+def test_rejects_frozen_threshold_above_the_patience():
     with pytest.raises(InputError, match="frozen_position"):
         Intake(frozen_position=6).check()
     Intake(frozen_position=0).check()

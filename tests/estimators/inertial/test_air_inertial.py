@@ -41,7 +41,7 @@ def flight():
     return scenario, simulate(scenario, seed=0, log_period=ms(5))
 
 
-def test_what_the_law_reads_is_the_flight_where_no_sensor_errs(flight):
+def test_estimate_equals_truth_with_ideal_sensors(flight):
     """Against instruments without error, which find all of it from the motion in another way."""
     scenario, log = flight
     rows = np.arange(200, len(log), 2)  # from 1 s on, when it samples; surfaces as they acted up to there
@@ -56,7 +56,7 @@ def test_what_the_law_reads_is_the_flight_where_no_sensor_errs(flight):
     assert np.abs(log["estimate.state.speed"][rows] - truth.speed).max() < 0.5  # of another atmosphere's table
 
 
-def test_nothing_is_flown_on_before_the_first_fix(flight):
+def test_estimate_is_invalid_before_the_first_fix(flight):
     _, log = flight
     valid, used = log["estimate.valid"], log["estimate.state.inertial.gnss_fix.used"]
     assert not valid[0]

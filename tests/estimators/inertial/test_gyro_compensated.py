@@ -50,7 +50,7 @@ def rates_told(given):
 
 
 @pytest.mark.thorough
-def test_it_undoes_the_identified_gyro_and_the_navigation_sees_the_truth():
+def test_navigation_behind_compensator_matches_ideal_gyro():
     truth = turn(ticks(N))
     given = ride(truth, InertialNoise(gyro=1e-30, forward=1e-30, starboard=1e-30, heading=1e-12, position=1e-12))
     swung = given.imu_reading.copy()
@@ -68,7 +68,7 @@ def test_it_undoes_the_identified_gyro_and_the_navigation_sees_the_truth():
 
 
 @pytest.mark.thorough
-def test_rates_are_the_difference_equation():
+def test_compensated_rates_match_the_difference_equation():
     y = np.random.default_rng(0).normal(size=N)
     got = rates_told(sampled(y))
     c = GyroCompensator()
@@ -79,7 +79,7 @@ def test_rates_are_the_difference_equation():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("spoilt", ["nan", "stale", "gap"])
-def test_spoilt_samples_do_not_stay_in_its_memory(spoilt):
+def test_bad_samples_do_not_persist_in_the_filter_state(spoilt):
     y = np.full(N, 0.7)
     given = sampled(y)
     if spoilt == "nan":
@@ -93,7 +93,7 @@ def test_spoilt_samples_do_not_stay_in_its_memory(spoilt):
     np.testing.assert_allclose(rates_told(given), 0.7, atol=1e-12)
 
 
-def test_it_refuses_what_the_navigation_refuses():
+def test_rejects_invalid_navigation_intake():
     with pytest.raises(Exception, match="slots"):
         CompensatedInertial(navigation=replace(PLAIN, intake=Intake(slots=2))).check()
 
@@ -116,7 +116,7 @@ def measured_response(compensator, f):
     return a + 1j * b
 
 
-def test_table_6_5_is_the_inverse_of_the_identified_gyro():
+def test_compensator_response_matches_table_6_5():
     """Compensated over uncompensated: gain 1 %, phase 0.006 rad, delay within 0.01 rad/w. [1] table 6.5, eq. 6.2."""
     f, gain, phase, after, phase_after, delay = TABLE.T
     got = np.array([measured_response(GyroCompensator(normalised=False), x) for x in f])
@@ -125,7 +125,7 @@ def test_table_6_5_is_the_inverse_of_the_identified_gyro():
     assert (np.abs(-np.angle(got) / (2 * np.pi * f) - delay * 1e-3) <= 0.01 / (2 * np.pi * f)).all()
 
 
-def test_it_undoes_the_identified_gyro_exactly():
+def test_compensator_inverts_the_identified_gyro_exactly():
     u = np.cumsum(np.random.default_rng(0).normal(size=200))
     for normalised in (True, False):
         gyro = IdentifiedGyro(normalised=normalised)
@@ -135,7 +135,7 @@ def test_it_undoes_the_identified_gyro_exactly():
         np.testing.assert_allclose(compensated(compensator, y), u, atol=1e-12)
 
 
-def test_both_carry_the_same_numbers():
+def test_gyro_and_compensator_have_equal_parameters():
     """Sensors and estimators import nothing of each other: the identified numbers stand in both."""
     gyro, compensator = IdentifiedGyro(), GyroCompensator()
     for name in (f.name for f in dataclasses.fields(GyroCompensator)):
@@ -143,7 +143,7 @@ def test_both_carry_the_same_numbers():
 
 
 @pytest.mark.parametrize(("normalised", "fastest", "white"), [(False, 7.02, 4.42), (True, 7.34, 4.62)])
-def test_it_amplifies_white_noise_and_most_of_all_half_the_sampling_rate(normalised, fastest, white):
+def test_compensator_amplifies_noise_up_to_nyquist_frequency(normalised, fastest, white):
     compensator = GyroCompensator(normalised=normalised)
     alternating, impulse = np.tile([1.0, -1.0], 20), np.eye(40)[10]
     assert np.abs(compensated(compensator, alternating))[10:].max() == pytest.approx(fastest, abs=0.01)
@@ -151,6 +151,6 @@ def test_it_amplifies_white_noise_and_most_of_all_half_the_sampling_rate(normali
 
 
 @pytest.mark.thorough
-def test_the_compensator_exports():
+def test_compensator_lowers_to_generated_c():
     compensator = GyroCompensator()
     lower_function(lambda c, s, y: c.compensate(s, y), (compensator, compensator.start(jnp.zeros(3)), jnp.zeros(3)))
