@@ -71,7 +71,7 @@ def test_polar_form_matches_the_thesis_and_inverts(FX, FY):
 
 
 def test_command_matches_analytical_formula():
-    """Pulse and speed written out by hand with the formula in place of the table."""
+    """Pulse and speed computed analytically, with the formula in place of the table."""
     rng = np.random.default_rng(2)
     FX, FY = rng.uniform(-0.5, 0.9, 200), rng.uniform(-0.4, 0.4, 200)
     command, _ = _through(FX, FY, "lookup-table", "dead-zone")

@@ -1,4 +1,4 @@
-"""Gaps: describing functions in closed form, and what a gap must do whatever the command."""
+"""Gaps: describing functions in closed form, and properties for any command."""
 
 import jax
 import numpy as np

@@ -1,4 +1,4 @@
-"""A bank of actuators on a vehicle of one's own: each field its stages, in C as on JAX, spoilt and switched off."""
+"""A bank of actuators on a user's vehicle: stages of each field, C and JAX, faults, imperfections switched off."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -1,4 +1,4 @@
-"""Battery: what is drawn now and what has been drawn lower the voltage."""
+"""Battery: present current and drawn charge lower the voltage."""
 
 import jax
 import numpy as np

@@ -1,4 +1,4 @@
-"""Direct allocation and actuation: the demand acts as it is."""
+"""Direct allocation and actuation: the demand acts unchanged."""
 
 import jax
 import numpy as np

@@ -145,7 +145,7 @@ def test_disabled_tables_give_the_analytical_thrust():
     assert 1e-5 < np.abs(tabulated.thrust - out.thrust).max() < 2e-3
 
 
-def test_fan_effectiveness_and_time_constant():
+def test_fan_effectiveness_scales_force_and_time_constant_lags_speed():
     pulse, speed, valid = np.full(300, 1.5e-3), np.full(300, 8000.0), np.ones(300, bool)
     full = _simulate(to_arrays(DRIVE), pulse, speed, valid)
     weak = _simulate(to_arrays(replace(DRIVE, effectiveness=0.7)), pulse, speed, valid)

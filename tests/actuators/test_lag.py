@@ -1,4 +1,4 @@
-"""Lags against dumb integrators and scipy's matrix exponential, the F-16's elevator, and each other's limits."""
+"""Lags against numerical integration and scipy's matrix exponential, the F-16's elevator, and each other's limits."""
 
 import jax
 import jax.numpy as jnp
@@ -39,7 +39,7 @@ def steps_of(n=400):
     return np.repeat(np.random.default_rng(3).normal(0, 1, n // 20), 20)
 
 
-def by_small_steps(rates, command, y0, n=400):
+def integrate_in_small_steps(rates, command, y0, n=400):
     """Position after each period of rates(y, u), by n steps of the midpoint rule in each."""
     y, out, h = np.array(y0, float), [], DT / n
     for u in command:
@@ -59,13 +59,13 @@ def test_first_order_step_response_is_exponential():
 @pytest.mark.thorough
 def test_rate_limited_first_order_lag_matches_integration():
     command, stage = steps_of(200), FirstOrderLag(time_constant=0.04, rate_limit=12.0)
-    wanted = by_small_steps(lambda y, u: np.clip((u - y) / 0.04, -12, 12), command, [0.0])
+    wanted = integrate_in_small_steps(lambda y, u: np.clip((u - y) / 0.04, -12, 12), command, [0.0])
     out = fly(stage, command)
     np.testing.assert_allclose(out.value, wanted, atol=1e-6)
     assert 0 < out.limited.sum() < len(command)
 
 
-def test_f16_elevator_rate_and_position_limits():
+def test_f16_elevator_keeps_rate_and_position_limits():
     """20.2 1/s, 60 deg/s, 25 deg: commanded 40 deg it slides until 60/20.2 deg are left, and stops at 25."""
     stage = FirstOrderLag(time_constant=1 / 20.2, rate_limit=60.0, low=-25.0, high=25.0)
     out = fly(stage, np.full(300, 40.0)).value

@@ -40,7 +40,7 @@ def trip():
     return theta, force, back, np.ceil(np.abs(force) / 0.025) * 0.025 <= reach
 
 
-def test_table_shapes_and_grids():
+def test_table_shapes_and_grids_match_the_thesis():
     """[1] chapter 4: 14 rudder angles; forces 0 to 2 and -2 to 2 N in steps of 0.025 N."""
     forward = forward_speed_table(FAN)
     assert forward.values.shape == (14, 81)
@@ -98,7 +98,7 @@ def test_round_trip_error_between_nodes_is_bounded(trip):
     assert error[free & (np.abs(force) > 0.1)].max() == pytest.approx(0.0008, abs=5e-5)
 
 
-def test_round_trip_error_near_the_speed_limit(trip):
+def test_round_trip_error_near_the_speed_limit_is_bounded(trip):
     """A cell with a clipped corner mixes 12 krpm in: up to 0.018 N, found by measuring; not part of the check above."""
     theta, force, back, free = trip
     top = np.where(force < 0, FAN.force(np.float64(-12000), theta), FAN.force(np.float64(12000), theta))

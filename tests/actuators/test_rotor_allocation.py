@@ -1,4 +1,4 @@
-"""Allocation to rotors: exact where it can be, by priority where it can't, without what has failed; and the drive."""
+"""Allocation to rotors: exact if feasible, otherwise by priority; lost rotors; and the drive."""
 
 import functools
 
@@ -93,7 +93,7 @@ def reachable(allocation, lost, size=0.3):
 
 
 @pytest.mark.thorough
-def test_hexarotor_stays_controllable_after_rotor_loss_by_layout():
+def test_hexarotor_controllability_after_rotor_loss_depends_on_layout():
     """PPNNPN keeps it where any of four rotors is lost, PNPNPN never: G.-X. Du, Q. Quan, B. Yang, K.-Y. Cai,
     "Controllability analysis for multirotor helicopter rotor degradation and failure", JGCD 38 (2015)."""
     assert not any(reachable(hexarotor("PNPNPN"), lost) for lost in range(6))

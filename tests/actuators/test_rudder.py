@@ -67,13 +67,13 @@ def test_rudder_angle_matches_table_4_2(psi, theta):
     assert np.degrees(GEOMETRY.rudder_angle(psi * DEG)) == pytest.approx(theta, abs=0.005)
 
 
-def test_force_angles_at_the_stops():
+def test_force_angles_at_the_stops_match_the_thesis():
     assert np.degrees(GEOMETRY.force_angle(30 * DEG)) == pytest.approx(-21.0, abs=0.05)
     assert np.degrees(GEOMETRY.force_angle(-35 * DEG)) == pytest.approx(25.4, abs=0.05)
 
 
 @given(st.floats(-2, 2))
-def test_geometry_round_trip(psi):
+def test_force_angle_to_rudder_round_trip(psi):
     assert GEOMETRY.force_angle(GEOMETRY.rudder_angle(psi)) == pytest.approx(psi, abs=1e-14)
 
 

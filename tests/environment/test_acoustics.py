@@ -18,7 +18,7 @@ def test_speed_of_sound_matches_published_values(celsius, humidity, co2, expecte
     assert float(speed_of_sound(air)) == pytest.approx(expected, abs=5e-4)
 
 
-def test_speed_of_sound_temperature_slope():
+def test_speed_of_sound_rises_0_6_m_s_per_kelvin():
     """About 0.6 m/s per degree, by differentiation."""
     slope = jax.grad(lambda T: speed_of_sound(Air(temperature=T)))(293.15)
     assert slope == pytest.approx(0.62, abs=0.01)

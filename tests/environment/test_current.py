@@ -1,4 +1,4 @@
-"""A current against rotations written out by hand."""
+"""A current in body axes and in the plane, against rotation matrices."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -1,4 +1,4 @@
-"""A single gust over the way flown."""
+"""A single gust over the distance flown."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from trimtab.environment.discrete_gust import DiscreteGust
 GUST = DiscreteGust(velocity=(0.0, 0.0, -6.0), length=30.0, start=1.0)
 
 
-def test_shape_of_pulse_and_ramp():
+def test_pulse_gust_decays_and_ramp_gust_persists():
     """Half the height at half the length, the top at the length."""
     s = np.array([-5.0, 0.0, 15.0, 30.0, 45.0, 60.0, 90.0])
     np.testing.assert_allclose([float(GUST.shape(x)) for x in s], [0, 0, 0.5, 1, 0.5, 0, 0], atol=1e-15)

@@ -13,7 +13,7 @@ PLACES = np.stack(
 EDGES = np.array([[0, 0, 0], [np.pi / 2, 0, 100], [-np.pi / 2, 0, -50], [0.3, np.pi, 1e5], [1e-9, -np.pi / 2, 1.0]])
 
 
-def test_ecef_of_points_on_the_ellipsoid_axes():
+def test_ecef_matches_published_ellipsoid_axes():
     """On the axes of the ellipsoid, whose lengths are printed: TR8350.2 table 3.1 and 3.3 (b = 6356752.3142 m)."""
     np.testing.assert_allclose(g.to_ecef(0.0, 0.0, 0.0), [6378137, 0, 0], atol=1e-9)
     np.testing.assert_allclose(g.to_ecef(np.pi / 2, 0.0, 0.0), [0, 0, 6356752.3142], atol=5e-5)

@@ -23,7 +23,7 @@ def test_field_matches_published_wmm_test_values(latitude, longitude, height, ye
     np.testing.assert_allclose(got * 1e9, [north, east, down], atol=0.06)
 
 
-def test_default_field_and_its_angles():
+def test_default_field_matches_college_park():
     """At College Park, 2010.0, as rounded in COLLEGE_PARK; angles there and back."""
     field = earth_field(38.99 * DEG, -76.94 * DEG, 50.0, date(2010, 1, 1))
     np.testing.assert_allclose(field, COLLEGE_PARK, atol=1e-8)

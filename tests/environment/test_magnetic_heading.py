@@ -30,7 +30,7 @@ def test_recovers_the_heading_at_every_angle(roll, pitch):
 
 
 def test_arc_cosine_heading_loses_precision():
-    """Why acos is not used."""
+    """Reason for using atan2 instead of acos."""
     psi = 1e-9
     b = np.asarray(from_euler(0.0, 0.0, psi).T @ FIELD)[:2]
     w = FIELD[:2]

@@ -180,7 +180,7 @@ def test_reproducible_per_seed_and_zero_when_switched_off():
 
 @pytest.mark.thorough
 def test_turbulence_uses_airspeed_relative_to_mean_wind():
-    """In a wind along with it, a vehicle meets the waves more seldom; without a vehicle's word the air is still."""
+    """In a tailwind, a vehicle meets the gusts more slowly. Without air data of the vehicle the air is still."""
     wind = np.array([V - 40.0, 0.0, 0.0])
     at = replace(motion(), air=SurroundingAir(height=np.float64(LOW), velocity=wind, rate=O))
     model = to_arrays(Turbulence(period=ms(20)))

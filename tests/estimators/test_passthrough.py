@@ -1,4 +1,4 @@
-"""The estimator that believes one sensor."""
+"""The estimator that passes one sensor through."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""ActingInput and FlexibleTruth: what they give, and that a world hands each what it feels."""
+"""ActingInput and FlexibleTruth: their readings, and the quantity that the world passes to each sensor."""
 
 import numpy as np
 import pytest

@@ -58,7 +58,7 @@ def test_anchor_out_of_reach_is_not_received():
 
 
 @pytest.mark.thorough
-def test_least_squares_position_in_space_from_ranges():
+def test_least_squares_recovers_position_from_ranges():
     """Exactly without noise; with it as well as the geometry lets it: the covariance of least squares."""
     anchors, used = np.array(HALL), np.ones(6, bool)
     solve = jax.jit(lambda r, u: solve_in_space(anchors, r, u, np.array([4.0, 3.0, -1.5])))

@@ -1,4 +1,4 @@
-"""The angular accelerometer on the hypersonic vehicle: what it feels, its noise and its faults."""
+"""The angular accelerometer on the hypersonic vehicle: its reading, noise and imperfections."""
 
 import jax
 import jax.numpy as jnp

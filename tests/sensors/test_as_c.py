@@ -1,4 +1,4 @@
-"""Every sensor's step as generated C gives what JAX gives: a run with it is compiled as a whole."""
+"""Every sensor's step gives the same in generated C as in JAX."""
 
 import ctypes
 import shutil

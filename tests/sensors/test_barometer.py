@@ -74,7 +74,7 @@ def test_noise_bias_drift_and_resolution_have_given_sizes():
     assert len(np.unique(steps)) > 2
 
 
-def test_static_port_error_and_tube_lag():
+def test_static_port_error_and_tube_lag_affect_pressure():
     q = 1.225 * 60.0**2 / 2
     seen = samples(replace(IDEAL, static_error=0.03), [motion(0.0, 60.0)] * 2)
     assert seen[0] - 101325.0 == pytest.approx(0.03 * q, rel=1e-3)

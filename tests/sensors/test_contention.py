@@ -36,7 +36,7 @@ def draws(number, n):
 
 
 def event_list(number, ready):
-    """The dumb way: a list of what each station does next, always the earliest first."""
+    """Reference simulation: a list of the next event of each station, earliest first."""
     n = len(ready)
     first, again = draws(number, n)
     when = {i: ready[i] + (1 + int(first[i] * 64)) / 2400 for i in range(n)}
@@ -72,7 +72,7 @@ def test_exchange_matches_event_list_simulation():
     ("n", "expected", "tolerance"),
     [(3, 0.92, 0.015), (4, 0.85, 0.015), (5, 0.97, 0.015), (6, 0.97, 0.015), (8, 0.99, 0.01)],
 )
-def test_probability_of_three_ranges_per_slot(n, expected, tolerance):
+def test_three_ranges_per_slot_arrive_with_expected_probability(n, expected, tolerance):
     """Probability of at least three ranges in a slot of 100 ms, all beacons in reach; fewest with four, where one
     collision leaves two."""
     _, found = exchanges(n, 8000)

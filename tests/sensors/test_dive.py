@@ -1,4 +1,4 @@
-"""The dive sensor: what it gives of a vehicle's state, and its noise."""
+"""The dive sensor: its reading of a vehicle's state, and its noise."""
 
 import jax
 import jax.numpy as jnp

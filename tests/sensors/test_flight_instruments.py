@@ -1,4 +1,4 @@
-"""Flight instruments: what they measure against hand-made motions, and their errors against what is declared."""
+"""Flight instruments: measurements of known motions, and errors of the declared sizes."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""The receiver of fixes: what it measures is the antenna's, its errors have the sizes given, outages are silent."""
+"""The receiver of fixes: position and velocity of the antenna, sizes of the errors, outages."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""What comes out late, against a list of what was put in."""
+"""Delivery of late fixes, against a list of the inputs."""
 
 import jax
 import jax.numpy as jnp

@@ -29,7 +29,7 @@ def test_pose_sensor_has_no_imperfections():
 
 
 @pytest.mark.thorough
-def test_noisy_pose_has_given_deviations_and_can_be_silenced():
+def test_noisy_pose_has_given_deviations_unless_switched_off():
     sensor, motion = NoisyPlanarPose(), Hovercraft().motion(0, HovercraftState(), PlanarForce(0.0, 0.0))
     instants = np.arange(4000) * sensor.period
     draw = jax.jit(jax.vmap(lambda t: sensor.step(t, sensor.init(key(0)), motion)[1].value))

@@ -1,4 +1,4 @@
-"""Encoders: the state out of the motion, and in whole steps."""
+"""Encoders: the state computed from the motion, and quantised."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The star tracker: noise by axis, what blinds it, and when it comes out."""
+"""The star tracker: noise by axis, blinding, and latency."""
 
 import jax
 import numpy as np
@@ -37,7 +37,7 @@ def rollout(sensor, key, rates):
 
 
 @pytest.mark.thorough
-def test_noise_is_tenfold_about_the_boresight():
+def test_noise_about_the_boresight_is_ten_times_larger():
     sensor = replace(without(StarTracker(), "star-tracker-misalignment"), period=ms(200))
     seen = fly(sensor, np.zeros((3000, 3))).value.attitude[5:]
     q_BS = quaternion.from_euler(*np.asarray(sensor.mounting))

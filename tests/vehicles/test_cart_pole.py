@@ -1,4 +1,4 @@
-"""Cart and pole: Barto's equation, what is conserved, small swings, and a motion that fits the state."""
+"""Cart and pole: Barto's equation, conserved quantities, small oscillations, and the motion."""
 
 import jax
 import jax.numpy as jnp
@@ -66,7 +66,7 @@ def test_hanging_pole_has_the_pendulum_period():
 
 @pytest.mark.parametrize("x", STATES[:3])
 def test_pole_energy_rate_matches_hinge_acceleration(x):
-    """E' = -m l a q' cos q: what energy control stands on."""
+    """E' = -m l a q' cos q, the basis of energy control."""
     a = 1.7
     rate = CartPoleState(x.speed, a, x.angle_rate, POLE.angle_acceleration(x, a))
     _, slope = jax.jvp(POLE.energy, (jax.tree.map(jnp.asarray, x),), (jax.tree.map(jnp.asarray, rate),))

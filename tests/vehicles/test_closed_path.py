@@ -1,4 +1,4 @@
-"""A body on a closed path: every derivative is one, nothing slips, a lap ends where it began."""
+"""A body on a closed path: consistent derivatives, no sideslip, closed laps."""
 
 import jax
 import jax.numpy as jnp

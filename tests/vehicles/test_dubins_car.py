@@ -1,4 +1,4 @@
-"""Dubins' car: circles, its limit, and a motion that fits the state."""
+"""Dubins' car: circles, the turn-rate limit, and the motion."""
 
 import jax
 import numpy as np

@@ -1,4 +1,4 @@
-"""The F-16: its tables, what its signs mean, and its trim beside what is published of it."""
+"""The F-16: its tables, its signs, and its trim against published values."""
 
 import jax
 import jax.numpy as jnp
@@ -44,7 +44,7 @@ def test_coefficients_are_symmetric_left_to_right():
     np.testing.assert_allclose(other, one * np.array([1, -1, 1, -1, 1, -1]), atol=1e-15)
 
 
-def test_control_surface_signs():
+def test_control_surfaces_have_the_correct_signs():
     base = np.asarray(coefficients(flow_at(0.05, 0.0), CENTRED))
 
     def change(**moved):

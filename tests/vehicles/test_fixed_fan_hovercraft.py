@@ -1,4 +1,4 @@
-"""The hovercraft with fixed fans: its forces by hand, its rest, its motion, and its numbers from a flight."""
+"""The hovercraft with fixed fans: forces against analytical values, damping, and identification from a flight."""
 
 import jax
 import numpy as np

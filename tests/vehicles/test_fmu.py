@@ -1,4 +1,4 @@
-"""FMUs as vehicles: the Reference-FMUs as fmpy flies them and as their makers publish it, and one flown by a law."""
+"""FMUs as vehicles: the Reference-FMUs against fmpy and against published output, and an FMU in closed loop."""
 
 import threading
 import zipfile
@@ -223,7 +223,7 @@ def test_failed_step_ends_the_flight_with_a_problem(tmp_path, line, monkeypatch)
 
 @pytest.mark.real_time
 def test_real_time_flight_is_signed_and_matches_simulation(tmp_path):
-    """As its own maker's steps have it, from where it was let go on: VanDerPol has no input to differ by."""
+    """From its release on, the log equals the simulation step by step; VanDerPol has no inputs."""
     file = build_reference("VanDerPol", 3, tmp_path)
     place, settings = f"udp://127.0.0.1:{free_port()}", ("--set", "trust_code=yes", "--no-real-time", "--duration", "2")
     there, here = fly_pair(tmp_path, str(file), place, place, *settings)

@@ -94,7 +94,7 @@ def test_energy_rate_equals_power_at_the_rudder_pivot(seed):
 @pytest.mark.parametrize(
     "velocities", [(0, 0, 0), (0.4, -0.3, 0), (0, 0, 2.0)], ids=["rest", "translation", "rotation"]
 )
-def test_unforced_equilibria_of_the_reduced_dynamics(velocities):
+def test_rest_translation_and_rotation_are_unforced_equilibria(velocities):
     """[1] section 2.1: (0,0,0), (c1,c2,0), (0,0,c) and no other."""
     x = HovercraftState(*map(float, velocities), heading=0.7)
     assert (_row(Hovercraft().dynamics(0.0, x, NO_FORCE))[:3] == 0).all()
@@ -113,7 +113,7 @@ def test_only_rest_is_an_equilibrium_of_full_dynamics():
     assert np.abs(_row(Hovercraft().dynamics(0.0, moving, NO_FORCE))).max() > 0.1
 
 
-def test_force_and_heading_signs():
+def test_forces_and_heading_have_the_correct_signs():
     """Thrust ahead speeds up; a force to starboard at the tail slides to starboard and turns the nose to port."""
     craft, rest = Hovercraft(), HovercraftState()
     ahead = craft.dynamics(0.0, rest, PlanarForce(1.0, 0.0))

@@ -1,4 +1,4 @@
-"""The hypersonic vehicle: the source's numbers, the algebraic loop, units, what a sensor feels, disturbances.
+"""The hypersonic vehicle: published numbers, the algebraic loop, units, motion, disturbances.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """

@@ -75,7 +75,7 @@ def test_emulation_matches_the_prototype_with_signs():
 
 @pytest.mark.thorough
 def test_published_matrices_have_known_sign_errors():
-    """The entries whose sign is lost, and B[9,:], which fits in no way."""
+    """The entries with a lost sign, and B[9,:], which does not fit at all."""
     A, B = _emulated()
     assert {p for p in EMULATED_A if A[p[0] - 1, p[1] - 1] * printed.A_PRINTED[p[0] - 1, p[1] - 1] < 0} == SIGN_LOST
     opposite = {p for p in EMULATED_B if B[p[0] - 1, p[1] - 1] * printed.B_PRINTED[p[0] - 1, p[1] - 1] < 0}

@@ -1,4 +1,4 @@
-"""The Mariner: its equations as an oracle writes them, and a motion that is that of its centre of mass."""
+"""The Mariner: its equations against an oracle, and the motion of its centre of mass."""
 
 import jax
 import jax.numpy as jnp

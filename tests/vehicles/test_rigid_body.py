@@ -1,4 +1,4 @@
-"""A rigid body over the earth: what stays, what is felt, and what is refused."""
+"""A rigid body over the earth: conserved quantities, motion, and rejected parameters."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""The surface vessel against its publication's matrices, and what must hold whatever the numbers are."""
+"""The surface vessel against its publication's matrices, and properties that hold for any parameters."""
 
 import jax
 import jax.numpy as jnp
@@ -76,7 +76,7 @@ def test_surge_damping_dissipates_energy():
     assert (X * u <= 0).all()
 
 
-def test_positive_rudder_pushes_the_stern_to_starboard_and_turns_to_port():
+def test_positive_rudder_turns_the_vessel_to_port():
     vessel = SurfaceVessel()
     straight = VesselState(surge_velocity=0.6, shaft_speed=105.0)
     _, dv, dr = vessel.accelerations(to_arrays(replace(straight, rudder=0.2)))
@@ -95,7 +95,7 @@ def test_servos_are_limited_in_angle_and_rate():
     np.testing.assert_allclose([at_stop.rudder, at_stop.shaft_speed], 0.0, atol=1e-12)
 
 
-def test_wind_load_acts_on_relative_wind():
+def test_wind_load_depends_on_relative_wind():
     load = WindLoad(wind=Wind(north=-3.0))
     X, Y, N = load.wrench(to_arrays(VesselState()))
     assert X < 0

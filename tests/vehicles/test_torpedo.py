@@ -1,4 +1,4 @@
-"""The torpedo against the sums of forces of its publication, and what must hold whatever the numbers are."""
+"""The torpedo against the sums of forces of its publication, and properties that hold for any parameters."""
 
 import jax
 import numpy as np
@@ -112,7 +112,7 @@ def test_roll_period_at_rest_includes_added_inertia():
     assert 2 * np.pi * np.sqrt(inertia / (ZG * 299)) == pytest.approx(1.277, abs=1e-3)
 
 
-def test_fin_and_propeller_signs():
+def test_fins_and_propeller_have_the_correct_signs():
     torpedo = Torpedo(buoyancy=299.0, torque=0.0)
 
     def turning(**fins):

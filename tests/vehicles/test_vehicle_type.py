@@ -1,4 +1,4 @@
-"""What vehicles say they are, against the numbers of pymavlink."""
+"""MAVLink types of the vehicles, against the numbers of pymavlink."""
 
 import pytest
 

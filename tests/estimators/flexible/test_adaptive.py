@@ -1,4 +1,4 @@
-"""The filter that learns the modal frequencies: its coordinates, what it learns from and what not, and its price.
+"""The adaptive filter of the modal frequencies: coordinates, excitation that it needs, and accuracy.
 
 Defaults were chosen on seeds 100-111 and 200-205; here seeds start at 300. The tables of the docs page:
 pytest -n0 -s -m thorough tests/estimators/flexible/test_adaptive.py
@@ -95,7 +95,7 @@ def test_stretched_modes_match_modes_of_other_frequencies(kmode):
 
 @pytest.mark.thorough
 def test_frequencies_are_unobservable_at_rest():
-    """The trap and the way round it: in eta the measurement depends on w and on eta, in s on s alone, everywhere."""
+    """In eta the measurement seems to depend on w; in the stretched state s it depends on s alone."""
     craft, x, u = trim()
     b, _, _ = forcing(craft, RigidFlight(x.h, 0.0, x.V, x.alpha, x.q), u)
     for lam in ((0.0, 0.0), (0.1, -0.1)):
@@ -148,7 +148,7 @@ def test_probabilities_follow_bayes_with_a_floor():
 
 @pytest.mark.thorough
 def test_hypothesis_weights_match_gaussian_likelihood():
-    """A surer one that is off counts less than one that had expected to be: Gauss, as scipy has it."""
+    """A hypothesis with a small covariance and a large innovation loses weight. Oracle: scipy's normal density."""
     one, b = AdaptiveFlexibleModeFilter(), np.array([0.0, 150.0, 0.0, 240.0])
     P = np.diag([1e-4, 0.1, 1e-4, 0.1, 1e-3, 1e-3])
     update = jax.jit(lambda x, P, z: one.update(x, P, z, b))
@@ -181,7 +181,7 @@ def test_frequency_estimates_do_not_drift_at_rest():
 
 @pytest.mark.thorough
 def test_elevator_steps_identify_the_frequencies():
-    """From 10 % off, printed first estimate, sigma 0.01: the frequency that sounds loudest within 1 % after 10 s."""
+    """From 10 % off, printed first estimate, sigma 0.01: the frequency of the dominant mode within 1 % after 10 s."""
     flown = _learning()
     wrong = _wrong(flown, OFF)
     assert np.abs(wrong[:, -1, 1]).max() < 0.01
@@ -277,8 +277,8 @@ def test_adaptive_filter_beats_fixed_filters_under_excitation(title, move, knock
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("title", "move"), [("rest", rest), ("weave", weave)])
-def test_adaptive_filter_without_excitation_is_comparable(title, move):
-    """Displacements are where N/w^2 of the believed w is: that is the error, and sigma says so; no worse than 1.5 x."""
+def test_adaptive_filter_without_excitation_stays_close_to_tuned(title, move):
+    """The error is that of N/w^2 with the estimated w, and sigma covers it; at most 1.5 times the tuned filter's."""
     for case, errors in _rows(title, move).items():
         if case != (1, 1):
             assert (errors["adaptive"] < 1.5 * errors["tuned"] + 0.05).all(), case
@@ -297,8 +297,8 @@ def test_frequency_estimates_do_not_drift_over_a_minute():
 def test_nees_is_consistent_with_matching_plant_noise():
     """NEES of (eta, ln w) over 96 runs, frequencies anywhere within 10 %, process noise as in Q, elevator steps.
 
-    Never above the chi-square bound, and at 5 s not below it either; before, the filter believes a deviation of 10 %
-    where a uniform +-10 % has 5.8 %.
+    Never above the chi-square bound, and at 5 s not below it either. Earlier, the filter assumes a deviation of 10 %,
+    and the uniform +-10 % of the runs has 5.8 %.
     """
     rng, runs, P0 = np.random.default_rng(300), 96, np.array([0.09, 9.0, 0.09, 9.0])
     factors = rng.uniform(0.9, 1.1, (runs, 2))
@@ -320,7 +320,7 @@ def test_nees_is_consistent_with_matching_plant_noise():
 @pytest.mark.thorough
 @pytest.mark.parametrize("move", [steps, buzz])
 def test_single_extended_filter_converges_to_wrong_frequencies(move):
-    """Why nine: from nominal frequencies, all of the deviation in one filter, both modes 10 % low, modes shaken."""
+    """Reason for nine hypotheses. Start at nominal frequencies; both modes are 10 % low and excited."""
     one = to_arrays(AdaptiveFlexibleModeFilter(deviation=(0.1 / SHARE,) * 2))
     seeds = range(300, 308)
     flown = fly_many([(0.9, 0.9)] * 8, AdaptiveFlexibleModeFilter(), seeds, move)

@@ -1,4 +1,4 @@
-"""The filter of the bending modes: its model, the acceptance checks, and what tells it from an observer switched off.
+"""The filter of the bending modes: its model, the acceptance checks, and the difference to an observer without update.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -89,7 +89,7 @@ def test_modal_model_matches_vehicle_in_every_interpretation(kmode):
         assert float(C @ eta + d + rigid) == pytest.approx(float(rate.q), rel=1e-9)
 
 
-def test_check_07_rank_and_time_constant():
+def test_check_07_modes_are_observable_and_published_filter_slow():
     """Rank 4; with the printed setting the slowest time constant is open loop's to 0.1 %."""
     scaled = A_PARKER / 20
     seen = np.stack([C_PARKER @ np.linalg.matrix_power(scaled, k) for k in range(4)])
@@ -117,7 +117,7 @@ def test_filter_time_constant_decreases_with_measurement_noise(R, constant):
 
 @pytest.mark.thorough
 def test_check_07_published_setting_is_barely_better_than_no_update():
-    """Error at 9-10 s below 8 % of that at 0-1 s. **No measurement at all passes it too.**"""
+    """Error at 9-10 s below 8 % of that at 0-1 s. **A filter without any measurement passes this check too.**"""
     for name in ("printed", "none"):
         errors = _errors(name, 0.0)[0]
         assert (rms(errors, 9, 10) < 0.08 * rms(errors, 0, 1)).all(), name
@@ -127,7 +127,7 @@ def test_check_07_published_setting_is_barely_better_than_no_update():
 
 @pytest.mark.thorough
 def test_error_without_update_follows_modal_damping():
-    """The observer switched off has the error expm(A t) e0 and nothing else: its convergence is no one's merit."""
+    """The observer switched off has the error expm(A t) e0 and nothing else: the damping alone makes it converge."""
     craft, x, _ = trim()
     truth = np.array([float(getattr(x, n)) for n in NAMES])
     A = np.asarray(modal_dynamics(craft)[0])
@@ -148,7 +148,7 @@ def test_check_08_filter_reduces_the_error():
 
 @pytest.mark.thorough
 def test_filters_that_ignore_measurements_fail_check_08():
-    """What only a filter that uses its measurements does; the printed setting is not one that does."""
+    """Only a filter that uses its measurements passes check 08. The printed setting hardly uses them."""
     none = rms(_errors("none", 0.0)[0], 4, 5)
     for name in ("none", "printed"):
         assert (none / rms(_errors(name, 0.0)[0], 4, 5)).max() < 1.5, name
@@ -268,7 +268,7 @@ def test_nees_and_nis_are_consistent_with_matching_noise():
 
 
 def test_accelerometer_offset_is_estimated_separately_from_bending():
-    """0.05 rad/s^2, a quarter of the signal: taken for bending where it is not estimated."""
+    """0.05 rad/s^2, a quarter of the signal. A filter that does not estimate it attributes it to bending."""
     craft, x, u = trim()
     errors, estimate, _ = fly(craft, x, u, FlexibleModeFilter(), 1, 0.01, offset=0.05)
     offset = estimate.state.offset

@@ -167,7 +167,7 @@ def test_frozen_imu_is_flagged_and_distrusted():
 
 
 def test_low_pass_lag_of_the_imu_is_compensated():
-    """Three samples late in swings of 3 rad/s: taken as of now, the heading is behind, and the filter does not know."""
+    """Three samples late in swings of 3 rad/s: without compensation the heading lags beyond its sigma."""
     late, sent = 3, good()
     swing = 3 * np.sin(6 * DT * np.arange(N))
     turned = np.cumsum((swing + np.append(0, swing[:-1])) / 2 * DT)
@@ -239,7 +239,7 @@ def test_disturbed_compass_is_rejected_and_flagged():
 
 
 def test_persistent_position_offset_is_finally_accepted_and_flagged():
-    """A beacon moved by 0.5 m: five fixes are refused, then the filter gives in, with a covariance to match."""
+    """A beacon moved by 0.5 m: five fixes are rejected, then the filter accepts them with a larger covariance."""
     sent = good()
     moved = np.arange(N) >= 400
     sent.fix[moved] += np.array([0.5, 0.0])

@@ -1,4 +1,4 @@
-"""Heading out of positions alone: derivative of the process, consistency, and what happens at rest."""
+"""Heading from positions alone: Jacobian of the process, consistency, and behaviour at rest."""
 
 import jax
 import jax.numpy as jnp
@@ -48,7 +48,7 @@ def test_process_noise_equals_that_of_the_dual_filters():
 
 @pytest.mark.thorough
 def test_lever_arm_makes_heading_observable():
-    """The aided point 1 m ahead: its position to the side says how the vehicle points."""
+    """The aided point 1 m ahead: its lateral position measures the heading."""
     form = replace(FORM, arms=LeverArms(aiding=np.array([1.0, 0.0])), rest_sigmas=np.float64(0.0))
     node = form.correct_position(form.first(), np.array([1.0, 0.02]))
     slopes = jax.jacfwd(lambda p: jnp.stack([jnp.cos(p), jnp.sin(p)]))(0.0)
@@ -71,7 +71,7 @@ def accelerating():
 
 
 @pytest.mark.thorough
-def test_heading_error_from_positions_at_one_hertz(accelerating):
+def test_heading_is_estimated_from_positions_at_one_hertz(accelerating):
     """Heading 0.64 deg rms, NEES 7.1 of 8 from a 0.02 rad start error, on its own trajectory."""
     nees, flown, _ = accelerating
     error = np.asarray(flown.error)[:, :, 0]
@@ -92,7 +92,7 @@ def resting():
 
 @pytest.mark.thorough
 def test_heading_drift_at_rest_is_covered_by_covariance(resting):
-    """30 deg in 60 s, and overconfidence; considered instead of corrected it stays honest."""
+    """30 deg in 60 s. Correcting heading and gyro bias at rest is overconfident; considering them stays consistent."""
     own = {}
     for how, (_, flown, _) in resting.items():
         error, P = np.asarray(flown.error)[:, -1, 0], np.asarray(flown.P)[:, -1, 0, 0]

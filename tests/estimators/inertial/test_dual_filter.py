@@ -73,7 +73,7 @@ def test_literal_and_consistent_covariances_have_expected_growth():
     np.testing.assert_allclose(halves, mended, rtol=1e-12)  # what is split adds up
 
 
-def test_doubt_increases_the_process_noise():
+def test_untrusted_samples_increase_the_process_noise():
     calm, gyro, both = (np.asarray(InertialNoise().growth(0.5, np.array(d))) for d in ([0.0, 0], [1.0, 0], [1.0, 1]))
     np.testing.assert_allclose(gyro - calm, [0.5, 0, 0, 0, 0, 0], atol=1e-15)
     np.testing.assert_allclose(both - gyro, [0, 0, 2.0, 2.0, 0, 0], atol=1e-15)

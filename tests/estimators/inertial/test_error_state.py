@@ -98,7 +98,7 @@ def test_covariance_propagation_matches_dense_matrices(n):
 
 
 def test_force_noise_integrates_to_velocity_and_position():
-    """The integral of white noise, twice: T, T²/2, T³/3; and doubt adds to it."""
+    """The integral of white noise, twice: T, T²/2, T³/3. Untrusted samples add to it."""
     noise = SpatialNoise(force=0.1, gyro=0.2, untrusted_rate=3.0)
     Q = np.asarray(process_noise(noise, 2.0, 0.0, 15))
     np.testing.assert_allclose([Q[4, 4], Q[4, 7], Q[7, 4], Q[7, 7]], 0.01 * np.array([2.0, 2.0, 2.0, 8 / 3]))

@@ -37,7 +37,7 @@ def turning():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("covariance", "heading", "nis"), [("literal", 0.58, 0.34), ("consistent", 0.13, 0.98)])
-def test_heading_error_and_nis_of_both_covariances(turning, covariance, heading, nis):
+def test_heading_error_and_nis_match_for_both_covariances(turning, covariance, heading, nis):
     """Heading 0.58 deg and NIS 0.34 as printed, 0.13 deg and 0.98 with the unit error mended."""
     error, told, _ = turning[covariance]
     assert np.rad2deg(np.sqrt(np.mean(error**2))) == pytest.approx(heading, rel=0.08)

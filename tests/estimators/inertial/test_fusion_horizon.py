@@ -1,4 +1,4 @@
-"""The window from the filter to now is what its samples make, whatever has gone through it."""
+"""The window from the filter's horizon to now equals the composition of its samples."""
 
 import jax
 import jax.numpy as jnp
@@ -36,7 +36,7 @@ def bias_at(k, change):
 
 @jax.jit
 def run(change):
-    """500 samples through a window of 20; the biases believed change by `change` (6,) ten samples before the end."""
+    """500 samples through a window of 20; the bias estimates change by `change` (6,) ten samples before the end."""
     add, take = add_sample, take_sample
 
     def step(k, window):
@@ -47,7 +47,7 @@ def run(change):
 
 
 @jax.jit
-def by_hand(window, bias):
+def composed_samples(window, bias):
     """The samples that wait, composed one by one with one bias."""
 
     def one(i, total):
@@ -65,14 +65,14 @@ def test_window_motion_equals_composition_of_waiting_samples():
     """After 480 samples have left at the front: to rounding."""
     window = run(jnp.zeros(6))
     assert int(window.count) == 20
-    expected = by_hand(window, bias_at(0, jnp.zeros(6)))
+    expected = composed_samples(window, bias_at(0, jnp.zeros(6)))
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-11), window.motion, expected)
     np.testing.assert_allclose(window.entered, 0.02 * bias_at(0, 0.0), atol=1e-13)
 
 
 def left(window, bias, name):
     """What correct_window leaves of what is missing, and that itself."""
-    right, one = by_hand(window, bias), correct(window, bias)
+    right, one = composed_samples(window, bias), correct(window, bias)
     if name == "turn":
         both = quaternion.local(one.turn, right.turn), quaternion.local(window.motion.turn, right.turn)
     else:

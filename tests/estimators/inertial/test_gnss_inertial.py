@@ -1,4 +1,4 @@
-"""GNSS and inertial navigation: equal to a dumb filter that keeps everything, consistent over flights, robust."""
+"""GNSS and inertial navigation: equal to a dense filter that stores all samples, consistent over flights, robust."""
 
 from functools import partial
 
@@ -52,7 +52,7 @@ def band(n, flights):
 # --- against a filter that keeps everything --------------------------------------------------------------------------
 
 
-def dumb_filter(form, samples, fixes, until):
+def dense_filter(form, samples, fixes, until):
     """State and P (15, 15) at the end of IMU sample `until`: dense, each sample, automatic derivatives, fixes in time.
 
     samples: (t, w, f) of each;  fixes: by the time at which each was made.
@@ -146,7 +146,7 @@ def test_late_fixes_match_a_filter_without_latency():
     assert int(state.gnss_fix.used) == 4
     horizon = 800 - 150
     assert int(state.t) == samples[horizon][0]
-    x, P = dumb_filter(form, samples, fixes, horizon)
+    x, P = dense_filter(form, samples, fixes, horizon)
     sigma = np.sqrt(np.diag(P))
     mine = state.nominal
     apart = np.concatenate(
@@ -214,7 +214,7 @@ def test_nees_over_200_flights_is_consistent(flights):
 @needs_compiler
 @pytest.mark.thorough
 def test_nees_of_each_block_over_800_flights_is_consistent(flights):
-    """Twelve looks at one flight are hardly twelve: a bias changes slowly. The sample is the mean over a flight.
+    """Twelve instants of one flight are correlated, as a bias changes slowly. The sample is the mean over a flight.
 
     Flights 1000 to 1799, none of which the test above sees: in the mean 3, within three of its standard errors (5 %).
     """
@@ -235,7 +235,7 @@ def test_nees_of_each_block_over_800_flights_is_consistent(flights):
 @needs_compiler
 @pytest.mark.thorough
 def test_wrong_lever_arm_or_gyro_noise_breaks_consistency(flights):
-    """0.5 m off: far outside of the band, by which the test above could fail. So are gyros ten times noisier."""
+    """0.5 m off, or gyros ten times noisier: NEES is far outside of the band, so the tests above can fail."""
     world, compiled = flights
     runs = 40
     wrong = world._replace(form=replace(world.form, lever_arm=world.form.lever_arm + np.array([0.0, 0.5, 0.0])))
@@ -279,7 +279,7 @@ def _one(form, t, state, frame):
 
 
 class Bench:
-    """A filter at rest on a bench, given samples by hand."""
+    """A filter at rest on a bench, fed with single samples."""
 
     def __init__(self, form=STILL):
         self.form, self.state, self.t = form, strengthen_types(form.init(key(0))), 0
@@ -348,7 +348,7 @@ def test_outlier_is_rejected_but_repeated_offset_accepted():
 
 @pytest.mark.thorough
 def test_saturated_gyro_increases_attitude_sigma():
-    """A gyro at its limit says nothing: sigma of the attitude grows as `untrusted_rate` says."""
+    """The attitude sigma grows at `untrusted_rate` while the gyro is at its limit."""
     sure, unsure = Bench(), Bench()
     full = replace(AT_REST, gyro_saturated=np.bool_(True))
     for bench, imu in ((sure, AT_REST), (unsure, full)):

@@ -86,7 +86,7 @@ def test_missing_satellites_are_not_used():
 
 @pytest.mark.thorough
 def test_first_ranges_initialise_the_clock():
-    """By those that are received; what is left is what does not hang on the clock."""
+    """From the received satellites only; the remaining innovations do not depend on the clock."""
     x = state(17)
     value = measured(x, "ranges").at[-8].set(0.0)
     off = replace(x, clock=jnp.zeros(2))

@@ -44,7 +44,7 @@ def flown(given):
     return jax.lax.scan(step, strengthen_types(BEHIND.init(key(0))), given)[1]
 
 
-def rates_told(given):
+def compensated_rates(given):
     """About z (n,)."""
     return np.asarray(flown(given.frames(PLAIN))[0])[:, 2]
 
@@ -70,7 +70,7 @@ def test_navigation_behind_compensator_matches_ideal_gyro():
 @pytest.mark.thorough
 def test_compensated_rates_match_the_difference_equation():
     y = np.random.default_rng(0).normal(size=N)
-    got = rates_told(sampled(y))
+    got = compensated_rates(sampled(y))
     c = GyroCompensator()
     b0, past = 1 + c.a1 + c.a2, np.concatenate([[y[0], y[0]], y])
     wanted = (past[2:] + c.a1 * past[1:-1] + c.a2 * past[:-2]) / b0
@@ -90,7 +90,7 @@ def test_bad_samples_do_not_persist_in_the_filter_state(spoilt):
     else:
         later = np.arange(N) * TICK + np.where(np.arange(N) >= 10, ms(50), 0)
         given = given._replace(now=later, felt_t=later)
-    np.testing.assert_allclose(rates_told(given), 0.7, atol=1e-12)
+    np.testing.assert_allclose(compensated_rates(given), 0.7, atol=1e-12)
 
 
 def test_rejects_invalid_navigation_intake():
@@ -136,7 +136,7 @@ def test_compensator_inverts_the_identified_gyro_exactly():
 
 
 def test_gyro_and_compensator_have_equal_parameters():
-    """Sensors and estimators import nothing of each other: the identified numbers stand in both."""
+    """Sensors and estimators do not import each other, so both define the identified parameters."""
     gyro, compensator = IdentifiedGyro(), GyroCompensator()
     for name in (f.name for f in dataclasses.fields(GyroCompensator)):
         assert getattr(gyro, name) == getattr(compensator, name)

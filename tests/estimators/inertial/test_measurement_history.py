@@ -116,7 +116,7 @@ def flight(seed, n=24):
 
 @pytest.mark.thorough
 def test_inertial_increment_excludes_the_jump_of_a_fix():
-    """Feedback form at rest that believes to move: a fix between the two times moves the place, and is no motion."""
+    """Feedback form started with a velocity. A fix between the two times moves the position, not the increment."""
     form = AidedInertialFeedback(start=InertialStart(velocity_north=0.5, velocity_east=-0.2))
     h = jax.tree.map(jnp.asarray, ring.empty_history(form.first(), 32))
     rate = 0.3
@@ -212,7 +212,7 @@ def test_excess_fixes_do_not_evict_the_last_state():
     np.testing.assert_allclose(node.x, plain([*imu, *kept, (4 * TICK, IMU, np.ones(3))])[0], atol=1e-12)
 
 
-def test_doubt_applies_to_both_adjacent_intervals():
+def test_untrusted_sample_affects_both_adjacent_intervals():
     doubtful = np.array([1.0, 1.0])
     node, *_ = play([(0, IMU, np.zeros(3)), (TICK, IMU, np.zeros(3), doubtful), (2 * TICK, IMU, np.zeros(3))])
     np.testing.assert_allclose(node.P, 1 + 2 * 0.3 * 2 * TICK * 1e-7, rtol=1e-12)

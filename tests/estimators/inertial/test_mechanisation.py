@@ -155,7 +155,7 @@ def test_preintegration_neglects_gyro_bias_only_to_second_order():
     np.testing.assert_allclose(m.velocity, want[1], atol=3e-4)
 
 
-def test_preintegration_is_limited_to_samples_and_reports_doubt():
+def test_preintegration_is_limited_to_samples_and_reports_untrusted():
     h, _ = history(n=20, slots=8)
     m = preintegrated(h, 0, 30 * TICK)
     assert float(m.time) == pytest.approx(7 * TICK * 1e-7)

@@ -1,4 +1,4 @@
-"""What is told about the reference point: values and sigmas against a Monte-Carlo of the geometry."""
+"""Kinematics of the reference point: values and sigmas against a Monte Carlo of the geometry."""
 
 import numpy as np
 import pytest
@@ -66,7 +66,7 @@ def test_fix_counters_count_used_and_rejected():
 
 @pytest.mark.thorough
 def test_repeated_rejections_force_acceptance():
-    """The covariance grows until the innovation is a usual one; then the measurement counts, once."""
+    """The covariance grows until the innovation is plausible; then the measurement is used once."""
     x, P, R, y = np.zeros(2), np.diag([1e-4, 1e-4]), 1e-6 * np.eye(2), np.array([1.0, 0.5])
     believed = {"gate": 18.0, "patience": np.int32(3)}
     fix = no_position_fix()

@@ -1,4 +1,4 @@
-"""What a watch sees in a stream of samples."""
+"""Checks of a stream of samples: invalid, duplicate, disordered, frozen."""
 
 import jax
 import numpy as np

@@ -127,7 +127,7 @@ def test_coning_and_sculling_correction_reduces_the_error():
     assert with_it[1] < without[1]
 
 
-def test_magnus_term_is_exact_for_linear_rates():
+def test_magnus_term_raises_the_order_for_linear_rates():
     """Rates and forces that change straight: a mean leaves the third order of the step, with the term the fifth."""
     w0, dw = np.array([1.0, -2.0, 0.5]), np.array([-15.0, 10.0, 20.0])
     f0, df = np.array([2.0, 1.0, -9.0]), np.array([-30.0, 20.0, -20.0])

@@ -69,7 +69,7 @@ def test_three_ranges_choose_the_smaller_common_error():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("solve", [CLOSED, FITTED], ids=["closed form", "least squares"])
-def test_circular_error_probable_of_static_fixes(solve):
+def test_circular_error_of_static_fixes_is_about_5_mm(solve):
     """Half of the static fixes lie within 0.47 to 0.57 cm, with 0.4 cm range noise, four beacons 3 m apart.
 
     [1] figure 5.8: 0.52 cm.
@@ -212,7 +212,7 @@ def test_assisted_heading_is_exact_while_turning():
     assert np.angle(np.exp(1j * (float(direct) - heading))) == pytest.approx(-rate * 0.1 / 2, abs=1e-9)
 
 
-def test_assisted_heading_error_with_displacement_of_another_point():
+def test_assisted_heading_errs_with_displacement_of_another_point():
     """With the displacement of the reference point the error is the turn's part: about half the angle turned."""
     rate = np.radians(115)
     moved = on_arc(0.1, np.zeros(2), rate)[0] - on_arc(0.0, np.zeros(2), rate)[0]

@@ -110,7 +110,7 @@ def nees(world, estimates):
 
 @pytest.mark.thorough
 def test_nees_is_consistent_over_50_drives():
-    """Drives whose errors are those that it believes, at four instants far from each other."""
+    """Drives with the errors that the filter assumes, at four instants far from each other."""
     values = []
     for seed in range(50):
         world = drive(seed)
@@ -122,7 +122,7 @@ def test_nees_is_consistent_over_50_drives():
 @pytest.mark.thorough("slip-0.2", "scale-0.0")
 @pytest.mark.parametrize(("what", "worse"), [("slip", 0.2), ("noise", 0.3), ("scale", 0.0)])
 def test_optimistic_noise_model_breaks_consistency(what, worse):
-    """A filter that believes too little of one error is told apart by the same measure."""
+    """NEES exceeds 3 for a filter that underestimates one error."""
     part = "noise" if what == "slip" else "errors"
     old = getattr(FILTER, part)
     new = (

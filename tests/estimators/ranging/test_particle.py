@@ -83,7 +83,7 @@ def test_filter_converges_from_any_heading(run):
 @pytest.mark.thorough
 @pytest.mark.parametrize("run", range(2))
 def test_two_beacons_suffice_for_a_start(run):
-    """Each of them sees two places; what the gyro feels tells which. A fix has nothing here."""
+    """Two ranges allow two places; the gyro decides between them. No position fix is possible here."""
     told = flown(run, spoil=silent(-1, 99, ~rf.TWO_LEFT))
     heading, place = errors(told, 3)
     assert not told.valid[:100].any()

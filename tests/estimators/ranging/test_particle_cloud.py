@@ -1,4 +1,4 @@
-"""First particles, prediction, resampling, moments and likelihood against dumb numpy."""
+"""First particles, prediction, resampling, moments and likelihood against plain NumPy."""
 
 import jax
 import jax.numpy as jnp

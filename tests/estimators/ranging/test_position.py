@@ -137,7 +137,7 @@ def located(sensor, place, near=(0.0, 0.0), known=False):
 
 
 @pytest.mark.thorough
-def test_circular_error_of_network_at_rest():
+def test_circular_error_at_rest_is_about_5_mm():
     """0.47 to 0.57 cm half of the time, with ranges off the axis, compensated: [1] figure 5.8, 0.52 cm."""
     _, found = located(ALONE, (0.0, 0.0))
     assert 0.0047 <= np.median(np.linalg.norm(found.place, axis=1)) <= 0.0057
@@ -211,7 +211,7 @@ def test_collinear_beacons_give_excessive_dilution_and_no_fix():
 
 
 @pytest.mark.thorough
-def test_fix_and_heading_errors_in_flight_with_collisions():
+def test_errors_in_flight_with_collisions_stay_small():
     """Turning slowly: fixes within their noise, heading within that of the base; collisions cost fixes only."""
     sensor = replace(SENSOR, collisions=True)
     out = run(sensor, TWO, rate=0.05)

@@ -1,4 +1,4 @@
-"""Who is doubted: a beacon that stands alone, or the filter that most contradict."""
+"""Diagnosis of rejected ranges: one moved beacon, or a lost filter."""
 
 from types import SimpleNamespace
 

@@ -68,7 +68,7 @@ def test_three_or_inconsistent_pings_give_no_start():
 
 @pytest.mark.thorough
 def test_start_covariance_is_consistent_over_400_starts():
-    """Errors of 400 noisy starts, against the covariance that each tells: NEES 5 of 5."""
+    """Errors of 400 noisy starts against the reported covariance: NEES 5 of 5."""
     total = []
     start, truth = fly(0.7, 0.5, (0.2, 0.1), (0.1, 0.2), (1.0, 2.0), pings=6)
     found = jax.jit(lambda s: rs.solve_start(s, np.zeros(2), **LIMITS))

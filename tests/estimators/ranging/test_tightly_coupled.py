@@ -165,7 +165,7 @@ def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
 
 @pytest.mark.thorough
 def test_nees_stays_consistent_with_correlated_errors(usual):
-    """Errors that hang together in time: considering them gives 8 to 9.2 of 8, ignoring them three times that."""
+    """Errors correlated in time: considering them gives NEES 8 to 9.2 of 8, ignoring them three times that."""
     assert nees_verdict(rf.nees_of(usual)[:, FROM:], 8).mean < 9.2
     ignoring = replace(TIGHT, errors=replace(TIGHT.errors, survey=np.float64(0)))
     assert rf.nees_of(flown(ignoring))[:, FROM:].mean() > 24

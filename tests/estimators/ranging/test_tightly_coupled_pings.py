@@ -1,4 +1,4 @@
-"""A ping's effect on a filter that runs, and how it loses and finds itself; flights are in test_tightly_coupled.py."""
+"""A ping's effect on a running filter, loss of track and recovery. Flights are in test_tightly_coupled.py."""
 
 import jax
 import jax.numpy as jnp
