@@ -60,7 +60,7 @@ def _demands(n, size, seed=0):
 @pytest.mark.thorough
 @settings(deadline=None)
 @given(st.floats(-2, 2), st.floats(-2, 2))
-def test_polar_is_the_printed_form_and_back(FX, FY):
+def test_polar_form_matches_the_thesis_and_inverts(FX, FY):
     f, psi = to_polar(PlanarForce(jnp.float64(FX), jnp.float64(FY)))
     assert abs(float(psi)) <= np.pi / 2
     if abs(FX) > 1e-100 and abs(FY) < 1e200 * abs(FX):
@@ -70,8 +70,8 @@ def test_polar_is_the_printed_form_and_back(FX, FY):
     assert back == pytest.approx([FX, FY], abs=1e-12 * np.hypot(FX, FY) + 1e-150)
 
 
-def test_command_is_the_definition_step_by_step():
-    """Pulse and speed written out by hand with the formula in place of the table."""
+def test_command_matches_analytical_formula():
+    """Pulse and speed computed analytically, with the formula in place of the table."""
     rng = np.random.default_rng(2)
     FX, FY = rng.uniform(-0.5, 0.9, 200), rng.uniform(-0.4, 0.4, 200)
     command, _ = _through(FX, FY, "lookup-table", "dead-zone")
@@ -87,7 +87,7 @@ def test_command_is_the_definition_step_by_step():
 
 
 @pytest.mark.parametrize("faults", [("dead-zone",), ("lookup-table", "dead-zone")])
-def test_a_demand_beyond_the_fan_asks_for_its_top_speed(faults):
+def test_excessive_demand_commands_top_speed(faults):
     """From the table as from the formula, whose speed rises without end."""
     command, _ = _through(np.array([3.0, -3.0, 0.1]), np.zeros(3), *faults)
     assert np.asarray(command.speed_rpm)[:2] == pytest.approx([12000, -12000], abs=1e-9)
@@ -96,7 +96,7 @@ def test_a_demand_beyond_the_fan_asks_for_its_top_speed(faults):
     assert (np.abs(free.speed_rpm) > 15000).all()
 
 
-def test_possible_demand_is_produced_within_interpolation():
+def test_feasible_demand_is_met_within_interpolation_error():
     """[1] chapter 4: both tables in series; off the grid at most 0.0062 N, 0.0008 N above 0.1 N."""
     for size, worst in (((0.1, 0.55), 0.0008), ((0.05, 0.1), 0.0062)):
         FX, FY = _demands(5000, size)
@@ -106,14 +106,14 @@ def test_possible_demand_is_produced_within_interpolation():
         assert not np.asarray(out.rudder_saturated | out.speed_saturated).any()
 
 
-def test_possible_demand_is_exact_without_tables():
+def test_feasible_demand_is_exact_without_tables():
     FX, FY = _demands(2000, (0.051, 0.59))
     _, out = _through(FX, FY, "lookup-table")
     assert np.allclose(out.u.FX, FX, atol=1e-12)
     assert np.allclose(out.u.FY, FY, atol=1e-12)
 
 
-def test_any_demand_is_exact_without_any_fault():
+def test_any_demand_is_exact_without_imperfections():
     """Sideways and far too large ones included: rudder and fan have no limits on either side."""
     rng = np.random.default_rng(3)
     FX, FY = rng.normal(size=3000) * 3, rng.normal(size=3000) * 3
@@ -125,7 +125,7 @@ def test_any_demand_is_exact_without_any_fault():
         assert not np.asarray(out.rudder_saturated | out.speed_saturated).any()
 
 
-def test_force_across_comes_out_along():
+def test_pure_sideways_demand_produces_mostly_surge_force():
     """[1] section 6.1: a pure FY demand comes out at |psi| <= 25 deg, with a large FX whose sign jumps."""
     FX = np.array([1e-9, 1e-9, -1e-9, -1e-9, 0.0, 0.0])
     FY = np.array([0.5, -0.5, 0.5, -0.5, 0.5, -0.5])
@@ -147,14 +147,14 @@ def test_force_across_comes_out_along():
     assert np.asarray(out.rudder_saturated).all()
 
 
-def test_too_much_ends_at_the_top_speed():
+def test_excessive_demand_saturates_at_top_speed():
     _, out = _through([1.9, 50.0, -0.9, -50.0], [0.0, 0.0, 0.0, 0.0])
     assert np.array_equal(out.speed_rpm, [12000, 12000, -12000, -12000])
     assert np.asarray(out.speed_saturated).all()
     assert np.allclose(out.u.FX, [1.6, 1.6, -0.742, -0.742], atol=2e-3)
 
 
-def test_dead_zone_on_the_size_of_the_force():
+def test_dead_zone_applies_to_force_magnitude():
     """[1] section 6.1, +-0.05 N; the rudder still follows."""
     size = np.array([0.0, 0.01, 0.049, 0.05, 0.051])
     command, out = _through(size * np.cos(0.2), -size * np.sin(0.2))
@@ -166,7 +166,7 @@ def test_dead_zone_on_the_size_of_the_force():
 
 
 @pytest.mark.thorough
-def test_no_demand_gives_no_thrust_and_finite_slopes():
+def test_zero_demand_gives_zero_thrust_and_finite_jacobian():
     for faults in ((), FAULTS):
         _, out = _through(0.0, 0.0, *faults)
         assert out.u.FX == out.u.FY == 0
@@ -183,7 +183,7 @@ def test_no_demand_gives_no_thrust_and_finite_slopes():
         assert np.isfinite(slopes).all()
 
 
-def test_fits_the_interface_and_refuses():
+def test_rejects_foreign_table_and_unknown_imperfection():
     assert isinstance(ALLOCATION, Allocation)
     ALLOCATION.check()
     with pytest.raises(InputError, match="another thruster"):

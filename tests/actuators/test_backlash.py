@@ -1,4 +1,4 @@
-"""Gaps: describing functions in closed form, and what a gap must do whatever the command."""
+"""Gaps: describing functions in closed form, and properties for any command."""
 
 import jax
 import numpy as np
@@ -23,7 +23,7 @@ def first_harmonic(out, amplitude):
 
 
 @pytest.mark.parametrize("ratio", [1.2, 2.0, 5.0])
-def test_the_describing_function_of_backlash(ratio):
+def test_backlash_matches_its_describing_function(ratio):
     """Gelb and Vander Velde, appendix B; ratio: amplitude over half of the gap."""
     b = 0.3
     A = ratio * b
@@ -35,7 +35,7 @@ def test_the_describing_function_of_backlash(ratio):
 
 
 @pytest.mark.parametrize("ratio", [1.2, 2.0, 5.0])
-def test_the_describing_function_of_a_dead_band(ratio):
+def test_dead_band_matches_its_describing_function(ratio):
     d = 0.3
     A, k = ratio * d, 1 / ratio
     shifted = 1 - 2 / np.pi * (np.arcsin(k) + k * np.sqrt(1 - k**2))
@@ -45,7 +45,7 @@ def test_the_describing_function_of_a_dead_band(ratio):
     assert first_harmonic(cut, A) == pytest.approx(whole, abs=1e-3)  # a jump lies between two samples
 
 
-def test_backlash_stays_where_it_was_left():
+def test_backlash_output_moves_only_when_pushed():
     u = np.random.default_rng(0).normal(0, 1, 500)
     y = fly(Backlash(width=1.0), u)
     assert (np.abs(y - u) <= 0.5 + 1e-15).all()
@@ -54,7 +54,7 @@ def test_backlash_stays_where_it_was_left():
     np.testing.assert_allclose(np.abs(y - u)[moved], 0.5)  # it moves only when it is pushed
 
 
-def test_no_gap_is_nothing():
+def test_zero_gap_passes_the_command_unchanged():
     u = np.random.default_rng(1).normal(0, 1, 50)
     for stage in (Backlash(width=0.0), DeadBand(half_width=0.0), DeadBand(half_width=0.0, cuts=True)):
         np.testing.assert_array_equal(fly(stage, u), u)

@@ -1,4 +1,4 @@
-"""A bank of actuators on a vehicle of one's own: each field its stages, in C as on JAX, spoilt and switched off."""
+"""A bank of actuators on a user's vehicle: stages of each field, C and JAX, faults, imperfections switched off."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -34,7 +34,7 @@ def lander(row, name="F"):
     return replace(scenario, world=replace(scenario.world, actuators=bank))
 
 
-def test_each_field_has_its_own_stages_and_others_follow_at_once():
+def test_only_fields_with_stages_are_delayed():
     bank = ActuatorBank(PlanarForce(0.0, 0.0), {"FX": FirstOrderLag(time_constant=0.01)}, period=ms(10))
     state, out = bank.step(0, bank.init(None), new_sample(0, PlanarForce(1.0, 2.0)))
     assert float(out.u.FX) == pytest.approx(1 - np.exp(-1))
@@ -45,7 +45,7 @@ def test_each_field_has_its_own_stages_and_others_follow_at_once():
     assert float(out.u.FY) == 0.0
 
 
-def test_stages_follow_each_other():
+def test_stages_act_in_sequence():
     stages = (TransportDelay(delay=0.02, capacity=4), Backlash(width=0.2), FirstOrderLag(0.0, high=0.5))
     bank = ActuatorBank(PlanarForce(0.0, 0.0), {"FX": stages}, period=ms(10))
     state, got, limited = bank.init(None), [], []
@@ -62,7 +62,7 @@ def test_stages_follow_each_other():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("row", [ROW, (SecondOrderLag(rate_limit=100.0), Backlash(0.1))], ids=["first", "second"])
-def test_it_flies_in_c_as_on_jax(row):
+def test_bank_in_c_matches_jax(row):
     logs = [simulate(lander(row), duration=seconds(1), backend=b) for b in ("c", "jax")]
     for path in ("truth.r", "truth.v", "actuators.u.F", "actuators.limited"):
         np.testing.assert_allclose(logs[0][path], logs[1][path], atol=1e-10)
@@ -70,7 +70,7 @@ def test_it_flies_in_c_as_on_jax(row):
 
 
 @pytest.mark.thorough
-def test_its_fields_are_settings_and_its_imperfections_are_switched_off():
+def test_stages_can_be_set_and_imperfections_switched_off():
     scenario = with_settings(lander(ROW), {"world.actuators.stages.F.2.time_constant": "0.2"})
     assert scenario.world.actuators.stages["F"][2].time_constant == 0.2
     names = {"actuator-delay", "dead-band", "actuator-lag", "rate-limit", "saturation"}
@@ -82,7 +82,7 @@ def test_its_fields_are_settings_and_its_imperfections_are_switched_off():
 
 
 @pytest.mark.thorough
-def test_an_actuator_is_stuck_in_the_middle_of_its_way():
+def test_stuck_actuator_holds_its_position():
     log = simulate(
         inject_faults(lander(FirstOrderLag(0.05)), ["actuators stuck @ 1 s for 500 ms"]), duration=seconds(2)
     )
@@ -110,7 +110,7 @@ def planar():
         ("off", lambda before, good: np.zeros_like(good)),
     ],
 )
-def test_one_field_fails_and_the_other_goes_on(word, gives):
+def test_fault_in_one_field_leaves_the_other_unaffected(word, gives):
     fault = parse_fault(planar(), f"actuators:FX {word} @ 500 ms")[1]
     bad = FaultyActuators(BOTH, fault)
     state, clean = bad.init(key(0, 0)), BOTH.init(None)
@@ -129,7 +129,7 @@ def test_one_field_fails_and_the_other_goes_on(word, gives):
     np.testing.assert_allclose(got[9:, 0], gives(got[8, 0], got[9:, 2]), atol=1e-12)
 
 
-def test_a_field_that_there_is_not_is_refused():
+def test_rejects_fault_of_unknown_field():
     with pytest.raises(InputError, match="unknown part 'actuators:G'") as refused:
         inject_faults(lander(FirstOrderLag()), ["actuators:G stuck"])
     assert "actuators:F" in refused.value.choices
@@ -144,6 +144,6 @@ def test_a_field_that_there_is_not_is_refused():
         (hover(), "F", "is not a stage"),
     ],
 )
-def test_what_does_not_fit_is_refused_before_a_run(row, name, match):
+def test_rejects_stages_that_do_not_fit_the_bank(row, name, match):
     with pytest.raises(InputError, match=match):
         lander(row, name).check()

@@ -1,4 +1,4 @@
-"""Direct allocation and actuation: the demand acts as it is."""
+"""Direct allocation and actuation: the demand acts unchanged."""
 
 import jax
 import numpy as np
@@ -10,14 +10,14 @@ from trimtab.core.signals import PlanarForce, new_sample
 from trimtab.core.time import ms
 
 
-def test_demand_is_the_command_is_the_input():
+def test_demand_passes_unchanged_to_the_input():
     demand = PlanarForce(0.3, -0.7)
     _, value = DirectAllocation().step(0, (), demand)
     _, out = jax.jit(DirectActuation().step)(0, (), new_sample(0, value))
     assert (float(out.u.FX), float(out.u.FY)) == (0.3, -0.7)
 
 
-def test_neutral_until_there_is_a_command():
+def test_input_is_neutral_before_the_first_command():
     actuation = DirectActuation(neutral_input=PlanarForce(0.1, 0.2), period=ms(6))
     nothing = replace(new_sample(0, PlanarForce(5.0, 6.0)), valid=False)
     _, out = actuation.step(0, (), nothing)
@@ -26,13 +26,13 @@ def test_neutral_until_there_is_a_command():
     assert actuation.period == 60_000
 
 
-def test_any_record_can_be_the_input():
+def test_accepts_any_record_as_input():
     actuation = DirectActuation(neutral_input={"elevator": np.zeros(2)})
     _, out = actuation.step(0, (), new_sample(0, {"elevator": np.array([0.1, 0.2])}))
     assert out.u["elevator"].tolist() == [0.1, 0.2]
 
 
-def test_fit_the_interfaces():
+def test_parts_implement_the_interfaces():
     assert isinstance(DirectAllocation(), Allocation)
     assert isinstance(DirectActuation(), Actuators)
     assert DirectAllocation().init(None) == DirectActuation().init(None) == ()

@@ -82,7 +82,7 @@ def _plain(pulse, speed, valid, braking=True):
 
 @pytest.mark.thorough("1")
 @pytest.mark.parametrize("seed", range(2))
-def test_agrees_with_the_plain_simulation(seed):
+def test_drive_matches_reference_simulation(seed):
     pulse, speed = _commands(seed)
     valid = np.arange(STEPS) >= 150
     out = _simulate(to_arrays(DRIVE), pulse, speed, valid)
@@ -97,7 +97,7 @@ def test_agrees_with_the_plain_simulation(seed):
 
 
 @pytest.mark.thorough
-def test_nothing_happens_before_the_first_valid_command():
+def test_drive_is_neutral_before_the_first_valid_command():
     pulse, speed = _commands()
     out = _simulate(to_arrays(DRIVE), pulse[:60], speed[:60], np.zeros(60, bool))
     neutral = DRIVE.neutral()
@@ -113,7 +113,7 @@ def test_command_takes_effect_with_the_next_frame():
     assert np.array_equal(np.unique(out.speed_rpm[40:]), [6000])
 
 
-def test_brake_and_its_absence():
+def test_reverse_to_forward_brakes_unless_switched_off():
     speed = np.where(np.arange(400) < 100, -4000.0, 4000.0)
     pulse, valid = np.full(400, 1.5e-3), np.ones(400, bool)
     out = _simulate(to_arrays(DRIVE), pulse, speed, valid)
@@ -124,7 +124,7 @@ def test_brake_and_its_absence():
     assert int(free.brakings[-1]) == 0
 
 
-def test_without_saturation_limits_are_gone():
+def test_disabled_saturation_removes_the_limits():
     pulse = np.full(20, 3.5e-3)
     out = _simulate(to_arrays(without(DRIVE, "saturation")), pulse, np.full(20, 20e3), np.ones(20, bool))
     assert float(out.speed_rpm[0]) == 20e3
@@ -135,7 +135,7 @@ def test_without_saturation_limits_are_gone():
     assert float(limited.rudder[0]) == pytest.approx(30 * DEG)
 
 
-def test_without_tables_the_formula_gives_the_force():
+def test_disabled_tables_give_the_analytical_thrust():
     rng = np.random.default_rng(4)
     pulse, speed, valid = rng.uniform(1e-3, 2e-3, 100), rng.uniform(0, 12e3, 100), np.ones(100, bool)
     drive = replace(without(DRIVE, "lookup-table"), frame=ms(1))
@@ -145,7 +145,7 @@ def test_without_tables_the_formula_gives_the_force():
     assert 1e-5 < np.abs(tabulated.thrust - out.thrust).max() < 2e-3
 
 
-def test_weak_fan_and_slow_fan():
+def test_fan_effectiveness_scales_force_and_time_constant_lags_speed():
     pulse, speed, valid = np.full(300, 1.5e-3), np.full(300, 8000.0), np.ones(300, bool)
     full = _simulate(to_arrays(DRIVE), pulse, speed, valid)
     weak = _simulate(to_arrays(replace(DRIVE, effectiveness=0.7)), pulse, speed, valid)
@@ -165,7 +165,7 @@ def test_force_is_differentiable_in_the_command():
     assert slopes[0, 1, 0] > 0, "a longer pulse pushes the tail to starboard"
 
 
-def test_fits_the_interface_and_refuses():
+def test_rejects_bad_period_and_foreign_thruster():
     assert isinstance(DRIVE, Actuators)
     DRIVE.check()
     with pytest.raises(InputError, match="servo frame of 20 ms must be a multiple of the drive's period of 3 ms"):

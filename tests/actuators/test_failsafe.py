@@ -64,7 +64,7 @@ def flying():
     return run(20, command=GOOD)(40, command=GOOD)
 
 
-def test_nothing_acts_before_arming():
+def test_no_command_acts_before_arming():
     run = Run()
     for t in range(0, 100, 20):
         run(t, "radio", "takeover", command=GOOD)
@@ -74,7 +74,7 @@ def test_nothing_acts_before_arming():
         assert float(run.out.command.value.speed_rpm) == 0.0
 
 
-def test_a_command_that_came_before_arming_does_not_act():
+def test_command_received_before_arming_is_ignored():
     run = Run()(0, command=GOOD)(10, "arm")
     assert (run.mode, run.cause, run.value, bool(run.out.lift)) == ("computer", "arm request", None, False)
     run(20, command=(1.6e-3, 3000.0))
@@ -83,11 +83,11 @@ def test_a_command_that_came_before_arming_does_not_act():
     assert run.out.armed
 
 
-def test_a_command_that_comes_with_the_arming_acts_at_once():
+def test_command_received_with_arming_acts_at_once():
     assert Run()(0, "arm", command=GOOD).value == GOOD
 
 
-def test_no_command_for_250_ms_stops_the_thrust_and_1_s_later_the_lift_fan():
+def test_command_loss_stops_thrust_then_lift_fan():
     """250 ms (reconstructed)."""
     run = flying()
     for t in range(41, 290):
@@ -101,7 +101,7 @@ def test_no_command_for_250_ms_stops_the_thrust_and_1_s_later_the_lift_fan():
     assert not run(1290).out.lift
 
 
-def test_it_stays_latched_when_commands_come_back_until_it_is_armed_again():
+def test_failsafe_stays_latched_until_rearmed():
     run = flying()(300)
     for t in range(320, 3000, 20):
         run(t, command=GOOD)
@@ -111,7 +111,7 @@ def test_it_stays_latched_when_commands_come_back_until_it_is_armed_again():
     assert run.out.lift
 
 
-def test_armed_without_a_command_it_gives_up_after_10_s():
+def test_disarms_after_10_s_without_a_command():
     run = Run()(0, "arm")
     assert run(9999).mode == "computer"
     assert not run.out.lift
@@ -119,7 +119,7 @@ def test_armed_without_a_command_it_gives_up_after_10_s():
 
 
 @pytest.mark.parametrize("before", ["computer", "manual", "failsafe"])
-def test_disarming_stops_everything_at_once(before):
+def test_disarming_stops_thrust_and_lift_at_once(before):
     run = flying()
     if before == "manual":
         run(60, "radio", "takeover")
@@ -130,7 +130,7 @@ def test_disarming_stops_everything_at_once(before):
     assert (run.mode, run.cause, run.value, bool(run.out.lift)) == ("disarmed", "disarm request", None, False)
 
 
-def test_the_pilot_takes_over_and_gives_back():
+def test_pilot_takes_over_and_returns_control():
     run = flying()(60, "radio", "takeover", command=GOOD)
     assert (run.mode, run.cause, run.value) == ("manual", "takeover", STICKS)
     assert run.out.lift
@@ -139,7 +139,7 @@ def test_the_pilot_takes_over_and_gives_back():
     assert (run.mode, run.cause, run.value) == ("computer", "takeover ended", GOOD)
 
 
-def test_the_pilot_needs_no_link():
+def test_pilot_keeps_control_without_commands():
     run = flying()(300)(310, "radio", "takeover")
     assert (run.mode, run.value) == ("manual", STICKS)
     for t in range(320, 5000, 20):
@@ -148,18 +148,18 @@ def test_the_pilot_needs_no_link():
     assert (run.mode, run.cause, run.value) == ("failsafe", "takeover ended", None), "it had tripped: still latched"
 
 
-def test_the_pilot_gives_back_to_a_silent_computer():
+def test_return_to_a_silent_computer_trips_the_failsafe():
     run = flying()(60, "radio", "takeover")(1000, "radio", "takeover")(1001, "radio")
     assert (run.mode, run.cause, run.value) == ("failsafe", "takeover ended", None)
 
 
 @pytest.mark.parametrize("lost", [{"requests": ["takeover"]}, {"requests": [], "sticks": STICKS}])
-def test_a_lost_transmitter_does_not_give_back(lost):
+def test_lost_transmitter_trips_the_failsafe(lost):
     run = flying()(60, "radio", "takeover", command=GOOD)(80, *lost["requests"], command=GOOD)
     assert (run.mode, run.cause, run.value) == ("failsafe", "pilot's radio lost", None)
 
 
-def test_sticks_that_mean_nothing_do_not_act():
+def test_nan_sticks_count_as_lost_radio():
     run = flying()(60, "radio", "takeover", command=GOOD)
     assert run(80, "radio", "takeover", command=GOOD, sticks=(np.nan, 100.0)).cause == "pilot's radio lost"
     assert run.value is None
@@ -187,7 +187,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("what", BAD.values(), ids=BAD)
-def test_a_bad_command_changes_nothing_and_counts_as_none(what):
+def test_bad_command_is_rejected_and_counts_as_missing(what):
     run = flying()
     for k, t in enumerate(range(60, 290, 10)):
         assert run(t, **what).value == GOOD
@@ -195,7 +195,7 @@ def test_a_bad_command_changes_nothing_and_counts_as_none(what):
     assert (run(290, **what).mode, run.value) == ("failsafe", None)
 
 
-def test_a_command_that_says_it_is_not_valid_stops_the_vehicle_at_once():
+def test_invalid_command_stops_the_thrust_at_once():
     run = flying()(60, command=GOOD, valid=False)
     assert (run.mode, run.value) == ("computer", None)
     assert int(run.out.rejected) == 0
@@ -237,7 +237,7 @@ EVENTS = st.lists(st.tuples(st.sampled_from([1, 20, 249, 250, 9000]), FLAGS), mi
 @pytest.mark.thorough
 @settings(max_examples=150, deadline=None)
 @given(EVENTS)
-def test_equals_a_plain_machine(events):
+def test_failsafe_matches_reference_state_machine(events):
     t, told, run, rows = 0, [], Run(), []
     for wait, flags in events:
         t += wait
@@ -250,7 +250,7 @@ def test_equals_a_plain_machine(events):
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_its_c_computes_the_same():
+def test_failsafe_in_c_matches_jax():
     given = at(0, "arm", command=GOOD)
     compiled = compile(lambda b, t, s, i: b.step(t, s, i), failsafe, np.int64(0), failsafe.init(), given)
     rng = np.random.default_rng(3)
@@ -267,7 +267,7 @@ def test_its_c_computes_the_same():
             np.testing.assert_array_equal(p, q)
 
 
-def test_it_serves_another_command():
+def test_failsafe_accepts_another_command_type():
     block = Failsafe(
         safe=PlanarForce(0.0, 0.0), low=PlanarForce(-2.0, -2.0), high=PlanarForce(2.0, 2.0), timeout=seconds(1)
     )
@@ -278,7 +278,7 @@ def test_it_serves_another_command():
     assert (float(out.command.value.FX), float(out.command.value.FY)) == (1.0, 0.5)
 
 
-def test_refuses_limits_that_do_not_fit():
+def test_rejects_inconsistent_limits():
     with pytest.raises(InputError, match=r"safe\.speed_rpm.*must lie"):
         replace(drive_failsafe(), low=DriveCommand(0.8e-3, 100.0)).check()
     with pytest.raises(InputError, match="has the fields"):

@@ -1,4 +1,4 @@
-"""Lags against dumb integrators and scipy's matrix exponential, the F-16's elevator, and each other's limits."""
+"""Lags against numerical integration and scipy's matrix exponential, the F-16's elevator, and each other's limits."""
 
 import jax
 import jax.numpy as jnp
@@ -39,7 +39,7 @@ def steps_of(n=400):
     return np.repeat(np.random.default_rng(3).normal(0, 1, n // 20), 20)
 
 
-def by_small_steps(rates, command, y0, n=400):
+def integrate_in_small_steps(rates, command, y0, n=400):
     """Position after each period of rates(y, u), by n steps of the midpoint rule in each."""
     y, out, h = np.array(y0, float), [], DT / n
     for u in command:
@@ -51,21 +51,21 @@ def by_small_steps(rates, command, y0, n=400):
     return np.array(out)
 
 
-def test_a_first_order_lag_is_its_exponential():
+def test_first_order_step_response_is_exponential():
     out = fly(FirstOrderLag(time_constant=0.03), np.ones(50)).value
     np.testing.assert_allclose(out, 1 - np.exp(-DT * np.arange(1, 51) / 0.03), rtol=1e-13)
 
 
 @pytest.mark.thorough
-def test_a_first_order_lag_with_a_rate_limit_is_a_dumb_integrators():
+def test_rate_limited_first_order_lag_matches_integration():
     command, stage = steps_of(200), FirstOrderLag(time_constant=0.04, rate_limit=12.0)
-    wanted = by_small_steps(lambda y, u: np.clip((u - y) / 0.04, -12, 12), command, [0.0])
+    wanted = integrate_in_small_steps(lambda y, u: np.clip((u - y) / 0.04, -12, 12), command, [0.0])
     out = fly(stage, command)
     np.testing.assert_allclose(out.value, wanted, atol=1e-6)
     assert 0 < out.limited.sum() < len(command)
 
 
-def test_the_elevator_of_an_f16():
+def test_f16_elevator_keeps_rate_and_position_limits():
     """20.2 1/s, 60 deg/s, 25 deg: commanded 40 deg it slides until 60/20.2 deg are left, and stops at 25."""
     stage = FirstOrderLag(time_constant=1 / 20.2, rate_limit=60.0, low=-25.0, high=25.0)
     out = fly(stage, np.full(300, 40.0)).value
@@ -75,7 +75,7 @@ def test_the_elevator_of_an_f16():
     assert back[0] == pytest.approx(25 - 60 * DT)  # and leaves the stop at once
 
 
-def test_a_rate_limit_turns_a_sine_into_a_triangle():
+def test_rate_limit_turns_sine_into_triangle():
     """A sine whose slope is far above the limit comes out as a triangle of height rate * period / 4."""
     w, rate, dt = 2 * np.pi, 0.5, 1e-3
     t = dt * np.arange(1, 40001)
@@ -88,7 +88,7 @@ def test_a_rate_limit_turns_a_sine_into_a_triangle():
 
 
 @pytest.mark.parametrize("damping", [0.2, 0.7, 1.0 - 1e-9, 1.0, 1.0 + 1e-5, 1.8, 30.0])
-def test_a_second_order_lag_is_scipys_matrix_exponential(damping):
+def test_second_order_lag_matches_matrix_exponential(damping):
     w = 70.0
     A = np.array([[0.0, 1.0], [-w * w, -2 * damping * w]])
     Phi, x, out = expm(A * DT), np.zeros(2), []
@@ -100,7 +100,7 @@ def test_a_second_order_lag_is_scipys_matrix_exponential(damping):
 
 
 @pytest.mark.parametrize("damping", [0.5, 1.0, 1.4])
-def test_a_second_order_lag_with_a_rate_limit_is_a_dumb_integrators(damping):
+def test_rate_limited_second_order_lag_matches_integration(damping):
     """Of small steps, after each of which the rate is cut off."""
     w, top, command, n = 60.0, 6.0, steps_of(160), 400
     x = v = 0.0
@@ -116,7 +116,7 @@ def test_a_second_order_lag_with_a_rate_limit_is_a_dumb_integrators(damping):
 
 
 @pytest.mark.thorough
-def test_the_limits_instants_are_found_whatever_the_period():
+def test_rate_limit_instants_are_independent_of_period():
     """Eight times as many periods give the same: the instants at which the limit is met and left are not rounded."""
     stage = SecondOrderLag(frequency=60.0, damping=0.7, rate_limit=6.0)
     command = steps_of(160)
@@ -125,7 +125,7 @@ def test_the_limits_instants_are_found_whatever_the_period():
 
 
 @pytest.mark.thorough
-def test_at_a_stop_it_stands_and_leaves_at_once():
+def test_output_holds_at_stop_and_leaves_at_once():
     stage = SecondOrderLag(frequency=60.0, damping=0.5, low=-1.0, high=1.0)
     out = fly(stage, np.r_[np.full(100, 3.0), np.full(5, 0.5)])
     assert float(out.value.max()) == 1.0
@@ -137,7 +137,7 @@ def test_at_a_stop_it_stands_and_leaves_at_once():
 
 
 @pytest.mark.parametrize("stage", [FirstOrderLag(time_constant=0.0), SecondOrderLag(frequency=0.0)])
-def test_without_its_lag_it_is_its_limits(stage):
+def test_zero_lag_leaves_only_the_limits(stage):
     command = steps_of(100)
     out = fly(stage, command)
     np.testing.assert_array_equal(out.value, command)
@@ -149,7 +149,7 @@ def test_without_its_lag_it_is_its_limits(stage):
 @pytest.mark.thorough("stage1")
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("stage", [FirstOrderLag(rate_limit=4.0, high=0.5), SecondOrderLag(rate_limit=4.0, high=0.5)])
-def test_its_c_computes_the_same_for_vectors_too(stage):
+def test_lag_of_vectors_in_c_matches_jax(stage):
     command = np.stack([steps_of(60), -steps_of(60)], axis=1)
     stage = to_arrays(stage)
 
@@ -164,13 +164,13 @@ def test_its_c_computes_the_same_for_vectors_too(stage):
 
 
 @pytest.mark.thorough
-def test_it_differentiates():
+def test_gradient_by_frequency_is_finite():
     stage = to_arrays(SecondOrderLag(rate_limit=1.0))
     slope = jax.grad(lambda w: _flown(replace(stage, frequency=w), np.ones(60), 0.0, DT).value[-1])(60.0)
     assert np.isfinite(slope)
 
 
-def test_refusals():
+def test_rejects_invalid_limits_and_period():
     with pytest.raises(InputError, match="below high"):
         FirstOrderLag(low=1.0, high=1.0).check()
     with pytest.raises(InputError, match="below high"):

@@ -40,7 +40,7 @@ def trip():
     return theta, force, back, np.ceil(np.abs(force) / 0.025) * 0.025 <= reach
 
 
-def test_shapes():
+def test_table_shapes_and_grids_match_the_thesis():
     """[1] chapter 4: 14 rudder angles; forces 0 to 2 and -2 to 2 N in steps of 0.025 N."""
     forward = forward_speed_table(FAN)
     assert forward.values.shape == (14, 81)
@@ -63,7 +63,7 @@ def test_entries_are_the_inverse_map_clipped_at_the_top_speed():
     assert (np.diff(LUT.values) >= 0).all()
 
 
-def test_bilinear_inside_and_held_at_the_edges():
+def test_bilinear_interpolation_holds_the_edge_values():
     rng = np.random.default_rng(1)
     table = BilinearTable(-1.0, 0.5, 10.0, 2.0, rng.normal(size=(4, 6)))
     oracle = RegularGridInterpolator((np.linspace(-1, 0.5, 4), np.linspace(10, 20, 6)), table.values)
@@ -72,13 +72,13 @@ def test_bilinear_inside_and_held_at_the_edges():
     assert np.allclose(at(to_arrays(table), row, column), oracle(held), atol=1e-12)
 
 
-def test_exact_at_the_nodes():
+def test_interpolation_is_exact_at_the_nodes():
     rows, columns = (a.ravel() for a in np.broadcast_arrays(LUT.rows(), LUT.columns()))
     assert np.allclose(at(to_arrays(LUT), rows, columns), LUT.values.ravel(), atol=1e-8)
 
 
 @pytest.mark.parametrize(("step_rpm", "worst"), [(2.5, 2e-8), (100.0, 4e-5)])
-def test_inverse_at_the_nodes(step_rpm, worst):
+def test_tables_are_inverse_at_the_nodes(step_rpm, worst):
     """Grid-node round trip 2e-8 N: the interpolation error of a thrust table with steps of 2.5 rpm."""
     reverse = to_arrays(thrust_table(FAN, step_rpm))
     rows, columns = (a.ravel() for a in np.broadcast_arrays(LUT.rows(), LUT.columns()))
@@ -88,7 +88,7 @@ def test_inverse_at_the_nodes(step_rpm, worst):
     assert worst / 2 < error < worst
 
 
-def test_speed_table_then_thrust_table(trip):
+def test_round_trip_error_between_nodes_is_bounded(trip):
     """Off the grid at most 0.0062 N (a quarter of a step, next to 0), 0.0008 N above 0.1 N; both under 1e-2 N."""
     _, force, back, free = trip
     error = np.abs(back - force)
@@ -98,7 +98,7 @@ def test_speed_table_then_thrust_table(trip):
     assert error[free & (np.abs(force) > 0.1)].max() == pytest.approx(0.0008, abs=5e-5)
 
 
-def test_next_to_the_speed_limit_the_error_is_less_than_a_step(trip):
+def test_round_trip_error_near_the_speed_limit_is_bounded(trip):
     """A cell with a clipped corner mixes 12 krpm in: up to 0.018 N, found by measuring; not part of the check above."""
     theta, force, back, free = trip
     top = np.where(force < 0, FAN.force(np.float64(-12000), theta), FAN.force(np.float64(12000), theta))
@@ -106,18 +106,18 @@ def test_next_to_the_speed_limit_the_error_is_less_than_a_step(trip):
     assert 0.01 < np.abs(back - force)[edge].max() < 0.025
 
 
-def test_unreachable_demands_end_at_the_top_speed():
+def test_unreachable_demand_gives_top_speed():
     one = jax.jit(BilinearTable.at)
     assert one(to_arrays(LUT), 0.1, 1.9) == 12000
     assert one(to_arrays(LUT), 0.1, -5.0) == -12000
 
 
-def test_differentiable():
+def test_table_gradient_matches_the_slope():
     slope = jax.grad(RLUT.at, argnums=1)(0.1, 6020.0)
     assert slope == pytest.approx((RLUT.at(0.1, 6090.0) - RLUT.at(0.1, 6010.0)) / 80)
 
 
-def test_refused_tables():
+def test_rejects_too_small_and_foreign_tables():
     LUT.check()
     check_speed_table(LUT, FAN)
     check_thrust_table(RLUT, FAN)

@@ -30,25 +30,25 @@ def run(duty, voltage=7.2, seconds=3.0, block=motor, speed_rpm=0.0):
     return steps(block, state, np.full(n, duty), np.full(n, voltage))[1]
 
 
-def test_full_duty_ends_at_12_krpm():
+def test_full_duty_reaches_12_krpm():
     assert float(run(1.0).speed_rpm[-1]) == pytest.approx(12000, rel=1e-3)
 
 
-def test_without_propeller_it_ends_at_the_free_speed():
+def test_motor_without_propeller_reaches_free_speed():
     assert float(
         run(1.0, block=replace(motor, propeller=np.float64(0.0)), seconds=12.0).speed_rpm[-1]
     ) == pytest.approx(19200, rel=1e-6)
 
 
-def test_reverse_is_the_mirror():
+def test_reverse_mirrors_forward():
     np.testing.assert_allclose(run(-0.7).speed_rpm, -np.asarray(run(0.7).speed_rpm), rtol=1e-12)
 
 
-def test_it_starts_with_the_stall_torque():
+def test_initial_acceleration_is_stall_torque_over_inertia():
     assert float(motor.acceleration(0.0, MotorInput(duty=1.0, voltage=7.2))) == pytest.approx(0.08474 / 2.2e-5)
 
 
-def test_equals_an_integration_of_the_torques():
+def test_speed_matches_integration_of_the_torques():
     def rate(t, y):
         n = y[0] * RPM / 1000
         return [(0.08474 * (0.68 - n / 19.2) - 2.207e-4 * n * abs(n)) / 2.2e-5]
@@ -63,7 +63,7 @@ def test_duty_holds_the_speed(voltage):
     np.testing.assert_allclose(held, 9000.0, rtol=1e-9)
 
 
-def test_open_loop_a_sag_costs_speed():
+def test_open_loop_voltage_sag_reduces_speed():
     """By the balance of torques: 0.08474 (d 6.2/7.2 - n/19.2) = 2.207e-4 n^2 with the duty that held 9 krpm."""
     d = 2.207e-4 * 81 / 0.08474 + 9 / 19.2
     a, b = 2.207e-4 / 0.08474, 1 / 19.2
@@ -73,7 +73,7 @@ def test_open_loop_a_sag_costs_speed():
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_the_counter_counts_400_a_turn_and_starts_anew(sign):
+def test_counter_wraps_and_counts_400_per_turn(sign):
     out = run(sign * 1.0, seconds=3.0)
     turns = np.cumsum(np.asarray(out.speed_rpm)) / 60 * 1e-3
     moved = (np.diff(np.asarray(out.count)) + 32768) % 65536 - 32768

@@ -49,7 +49,7 @@ def rollout(drive, wanted):
 flown = jax.jit(rollout)
 
 
-def test_it_holds_the_speed_whatever_the_battery_gives():
+def test_speed_is_independent_of_battery_voltage():
     """Where nothing regulates, 1 V costs 979 rpm at 9000 rpm: the motor's page."""
     speeds = {}
     for volts in (7.2, 6.2):
@@ -61,7 +61,7 @@ def test_it_holds_the_speed_whatever_the_battery_gives():
     assert speeds[6.2] == pytest.approx(speeds[7.2], abs=10)
 
 
-def test_power_is_conserved():
+def test_battery_power_equals_winding_power():
     """What the battery gives at its terminals is what the windings take: voltage times the duty's share of current."""
     out = flown(drive, WANTED)
     duty, current = np.asarray(out.fan.duty), np.asarray(out.fan.battery.current) - 3.0
@@ -83,7 +83,7 @@ def test_reverse_to_forward_brakes_for_150_ms():
     assert np.asarray(out.speed_rpm)[-500:].mean() == pytest.approx(5000, rel=0.02)
 
 
-def test_periods_out_of_step_are_refused():
+def test_rejects_inconsistent_periods():
     with pytest.raises(InputError, match=r"RegulatedFan\.period: .*regulator 15 ms, motor 10 ms"):
         RegulatedFan(regulator=SpeedRegulator(period=ms(15)), motor=Motor(period=ms(10))).check()
     with pytest.raises(
@@ -118,7 +118,7 @@ void fly(int n, const double *wanted, const double *volts, const double *passed,
 @pytest.mark.thorough("forward")
 @no_compiler
 @pytest.mark.parametrize("wanted", [WANTED, BOTH], ids=["forward", "both"])
-def test_the_firmwares_blocks_give_the_same_bits(wanted, tmp_path):
+def test_firmware_blocks_are_bit_identical(wanted, tmp_path):
     """C of regulator and motor as `trimtab firmware` writes it, against the actuators of a compiled scenario."""
     out = compile(rollout, drive, wanted)(drive, wanted)
     zero = np.float64(0.0)
@@ -148,7 +148,7 @@ def test_the_firmwares_blocks_give_the_same_bits(wanted, tmp_path):
 
 @pytest.mark.thorough
 @no_compiler
-def test_forward_flies_on_an_empty_battery():
+def test_forward_scenario_runs_on_a_nearly_empty_battery():
     """A setting brings the part with its defaults, and its signals are logged."""
     scenario = build("hovercraft/forward", {"world.actuators.fan.battery.initial": "0.1"})
     assert "battery-sag" in imperfections(scenario)
@@ -160,7 +160,7 @@ def test_forward_flies_on_an_empty_battery():
 
 
 @pytest.mark.parametrize("typed", ["batery.initial", "battery"])
-def test_a_wrong_name_below_it_is_told_the_right_one_whole(typed):
+def test_misspelt_setting_suggests_the_full_path(typed):
     with pytest.raises(InputError) as refused:
         build("hovercraft/forward", {f"world.actuators.fan.{typed}": "1"})
     right = refused.value.fix.removeprefix('settings={"').removesuffix('": "…"}')

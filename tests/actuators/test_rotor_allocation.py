@@ -1,4 +1,4 @@
-"""Allocation to rotors: exact where it can be, by priority where it can't, without what has failed; and the drive."""
+"""Allocation to rotors: exact if feasible, otherwise by priority; lost rotors; and the drive."""
 
 import functools
 
@@ -36,7 +36,7 @@ def give(allocation, thrust, moment, working):
 
 
 @pytest.mark.thorough
-def test_what_can_be_done_is_done():
+def test_feasible_demand_is_met_exactly():
     rng = np.random.default_rng(1)
     B = np.asarray(QUAD.craft.rotors.effectiveness())
     for _ in range(200):
@@ -48,7 +48,7 @@ def test_what_can_be_done_is_done():
 
 
 @pytest.mark.thorough
-def test_what_cannot_be_done_is_the_weighted_least_squares_of_scipy():
+def test_infeasible_demand_matches_weighted_least_squares():
     rng = np.random.default_rng(2)
     B = np.asarray(QUAD.craft.rotors.effectiveness())
     reach = np.abs(B).sum(1) / 2
@@ -64,7 +64,7 @@ def test_what_cannot_be_done_is_the_weighted_least_squares_of_scipy():
         assert ((found >= QUAD.least - 1e-12) & (found <= QUAD.most + 1e-12)).all()
 
 
-def test_tilt_comes_before_thrust_and_thrust_before_yaw():
+def test_priority_is_tilt_then_thrust_then_yaw():
     _, made = give(QUAD, 4 * QUAD.most, [2.0, -1.0, 0.0], ALL)
     np.testing.assert_allclose(made[1:3], [2.0, -1.0], atol=0.1)
     assert made[0] < 4 * QUAD.most - 5
@@ -73,7 +73,7 @@ def test_tilt_comes_before_thrust_and_thrust_before_yaw():
     assert made[3] < 1.2, "yaw takes what is left"
 
 
-def test_a_lost_rotor_is_not_used_and_yaw_is_given_up():
+def test_lost_rotor_is_unused_and_yaw_is_sacrificed():
     for lost in range(4):
         working = np.arange(4) != lost
         found, made = give(QUAD, WEIGHT, np.zeros(3), working)
@@ -93,7 +93,7 @@ def reachable(allocation, lost, size=0.3):
 
 
 @pytest.mark.thorough
-def test_a_hexarotor_keeps_control_without_a_rotor_where_its_order_allows_it():
+def test_hexarotor_controllability_after_rotor_loss_depends_on_layout():
     """PPNNPN keeps it where any of four rotors is lost, PNPNPN never: G.-X. Du, Q. Quan, B. Yang, K.-Y. Cai,
     "Controllability analysis for multirotor helicopter rotor degradation and failure", JGCD 38 (2015)."""
     assert not any(reachable(hexarotor("PNPNPN"), lost) for lost in range(6))
@@ -110,24 +110,24 @@ def test_a_hexarotor_keeps_control_without_a_rotor_where_its_order_allows_it():
                 np.testing.assert_allclose(made, [WEIGHT, *want], atol=1e-3)
 
 
-def test_more_rotors_than_axes_share_as_evenly_as_they_can():
+def test_redundant_rotors_share_thrust_evenly():
     found, _ = give(hexarotor("PNPNPN"), WEIGHT, np.zeros(3), np.ones(6, bool))
     np.testing.assert_allclose(found, WEIGHT / 6, rtol=1e-4)
 
 
 @pytest.mark.thorough
-def test_in_c_it_is_the_same():
+def test_allocation_in_c_matches_jax():
     demand = RotorDemand(np.float64(90.0), np.array([3.0, -2.0, 1.0]), np.array([True, True, False, True]))
     step = trimtab.compile(lambda a, d: a.thrusts(d), QUAD, demand)
     np.testing.assert_allclose(step(QUAD, demand), thrusts()(QUAD, demand), atol=1e-12)
 
 
-def test_limits_without_room_are_refused():
+def test_rejects_minimum_thrust_above_maximum():
     with pytest.raises(InputError, match="minimum thrust of 40 N"):
         replace(QUAD, least=40.0).check()
 
 
-def test_the_drive_tells_what_a_motor_can():
+def test_drive_clips_and_quantises_rotor_speeds():
     drive = RotorDrive(resolution=0.5)
 
     def tell(speeds, part=drive, valid=True):

@@ -35,12 +35,12 @@ def sample_and_hold(command, frame, phase, rest):
 
 
 @pytest.mark.parametrize(("frame", "phase"), [(20, 0), (20, 7), (20, 19), (1, 0), (3, 2)])
-def test_it_is_sample_and_hold_to_the_bit(frame, phase):
+def test_frame_is_sample_and_hold_bit_for_bit(frame, phase):
     got = fly(ServoFrame(frame=ms(frame), phase=ms(phase)))
     np.testing.assert_array_equal(got, sample_and_hold(COMMAND, frame, phase, 0.25))
 
 
-def test_frames_shorter_than_a_millisecond_and_of_2_5_ms():
+def test_fractional_millisecond_frame_is_sample_and_hold():
     stage = ServoFrame(frame=25_000, phase=5_000)
     state, out = stage.init(0.0), []
     for value in COMMAND[:50]:
@@ -49,11 +49,11 @@ def test_frames_shorter_than_a_millisecond_and_of_2_5_ms():
     np.testing.assert_array_equal(out, sample_and_hold(COMMAND[:50], 5, 1, 0.0))
 
 
-def test_switched_off_it_is_a_wire():
+def test_disabled_frame_passes_the_command():
     np.testing.assert_array_equal(fly(without(ServoFrame(phase=ms(3)), "servo-frame")), COMMAND)
 
 
-def test_compiled_to_c_alone_and_in_lanes_it_is_the_same():
+def test_compiled_c_and_lanes_match_sample_and_hold():
     stage = ServoFrame(frame=ms(4), phase=ms(1))
 
     def hold(u):
@@ -66,7 +66,7 @@ def test_compiled_to_c_alone_and_in_lanes_it_is_the_same():
     np.testing.assert_array_equal(compiled.lanes(many), wanted)
 
 
-def test_in_a_bank_each_field_has_its_own_frame():
+def test_each_field_of_a_bank_has_its_own_frame():
     bank = ActuatorBank(
         PlanarForce(0.0, 0.0), {"FX": ServoFrame(frame=ms(5)), "FY": ServoFrame(frame=ms(5), phase=ms(2))}
     )
@@ -89,12 +89,12 @@ def test_in_a_bank_each_field_has_its_own_frame():
         (ServoFrame(phase=ms(20)), "must be shorter than the frame"),
     ],
 )
-def test_frames_between_two_periods_are_refused(stage, words):
+def test_rejects_frame_not_multiple_of_period(stage, words):
     with pytest.raises(InputError, match=words):
         ActuatorBank(PlanarForce(0.0, 0.0), {"FX": stage}).check()
 
 
-def test_a_board_sends_pulses_at_the_servos_frame_and_its_world_does_not_hold_them_again():
+def test_board_uses_servo_frame_and_world_does_not_repeat_it():
     scenario = build("examples/my_boat.py:scenario")
     bank = scenario.world.actuators
     bank = replace(bank, stages=bank.stages | {"rudder": (ServoFrame(frame=ms(20)), *bank.stages["rudder"])})

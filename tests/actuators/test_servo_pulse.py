@@ -16,7 +16,7 @@ from trimtab.core.signals import PlanarForce
 CURVED = ServoPulse(values=np.array([-0.5, -0.1, 0.2, 1.0]), widths=np.array([2.1e-3, 1.6e-3, 1.5e-3, 0.9e-3]))
 
 
-def test_a_table_is_read_in_both_directions_as_numpy_does():
+def test_pulse_table_and_inverse_match_numpy_interpolation():
     values = np.linspace(-1.0, 1.5, 101)
     np.testing.assert_allclose(CURVED.width(values), np.interp(values, CURVED.values, CURVED.widths), rtol=1e-14)
     widths = np.linspace(0.8e-3, 2.2e-3, 101)
@@ -24,7 +24,7 @@ def test_a_table_is_read_in_both_directions_as_numpy_does():
     np.testing.assert_allclose(CURVED.value(widths), rising, rtol=1e-12, atol=1e-15)
 
 
-def test_what_comes_out_is_the_command_in_whole_steps_of_the_timer():
+def test_output_is_quantised_to_timer_steps():
     values = np.random.default_rng(1).uniform(-0.5, 1.0, 200)
     _, out = jax.jit(lambda v: CURVED.step((), v, 0.01))(values)
     counts = CURVED.width(out.value) / 0.5e-6
@@ -37,7 +37,7 @@ def test_what_comes_out_is_the_command_in_whole_steps_of_the_timer():
     np.testing.assert_allclose(exact.value, values, rtol=1e-12, atol=1e-15)
 
 
-def test_beyond_its_table_it_stands_at_an_end_and_says_so():
+def test_values_beyond_the_table_are_clipped_and_flagged():
     _, out = CURVED.step((), np.array([0.1, 7.0]), 0.01)
     assert float(out.value[1]) == 1.0
     assert out.limited
@@ -52,12 +52,12 @@ def test_beyond_its_table_it_stands_at_an_end_and_says_so():
         ({"widths": np.array([1e-3, 1.2e-3, 1.4e-3, 2.5e-3])}, r"0\.8 to 2\.2 ms"),
     ],
 )
-def test_tables_that_mean_nothing_are_refused(changed, words):
+def test_rejects_invalid_pulse_tables(changed, words):
     with pytest.raises(InputError, match=words):
         replace(CURVED, **changed).check()
 
 
-def test_a_bank_declares_the_pulses_of_fields_that_have_stops():
+def test_bank_declares_pulses_of_fields_with_stops():
     slow = FirstOrderLag(time_constant=0.1, low=-3.0, high=6.0)
     tight = FirstOrderLag(time_constant=0.0, low=-9.0, high=2.0)
     bank = ActuatorBank(PlanarForce(0.0, 0.0), {"FX": (slow, tight), "FY": (CURVED, slow)})

@@ -40,12 +40,12 @@ def _plain(commands, brake=150):
     return rows
 
 
-def test_starts_forward():
+def test_controller_starts_in_forward_mode():
     assert _run([(0, 0)]) == [(0, "forward", 0)]
     assert _run([(0, 5000)]) == [(5000, "forward", 0)]
 
 
-def test_forward_to_reverse_at_once():
+def test_forward_to_reverse_switches_at_once():
     assert _run([(0, 5000), (1, -3000)])[1] == (-3000, "reverse", 0)
 
 
@@ -56,14 +56,14 @@ def test_reverse_to_forward_brakes_for_150_ms():
     assert rows[151:] == [(4000, "forward", 1)] * 50
 
 
-def test_negative_command_cancels_the_brake_and_passes():
+def test_negative_command_cancels_the_brake():
     rows = _run([(0, -3000), (20, 4000), (60, -1000), (61, 2000), (200, 2000), (210, 2000), (211, 2000)])
     assert rows[2] == (-1000, "reverse", 1)
     assert [r[1] for r in rows[3:]] == ["braking", "braking", "braking", "forward"], "a new brake has its full length"
     assert rows[-1] == (2000, "forward", 2)
 
 
-def test_zero_changes_nothing():
+def test_zero_command_keeps_the_mode():
     rows = _run([(0, -3000), (20, 0), (500, 0), (520, 100), (540, 0), (669, 0), (670, 0), (690, 100)])
     assert [r[:2] for r in rows] == [
         (-3000, "reverse"),
@@ -77,12 +77,12 @@ def test_zero_changes_nothing():
     ]
 
 
-def test_forward_again_needs_no_second_brake():
+def test_second_forward_command_does_not_brake_again():
     rows = _run([(0, -1), (10, 1), (160, 1), (170, 0), (180, 5)])
     assert rows[-1] == (5, "forward", 1)
 
 
-def test_no_brake_of_no_length():
+def test_zero_brake_duration_disables_the_brake():
     off = jax.jit(replace(CONTROLLER, brake=0).step)
     assert _run([(0, -3000), (1, 2000)], off) == [(-3000, "reverse", 0), (2000, "forward", 0)]
 
@@ -93,12 +93,12 @@ speeds = st.sampled_from([-9000.0, -1.0, 0.0, 1.0, 9000.0])
 
 @settings(deadline=None, max_examples=60)
 @given(times, st.data())
-def test_agrees_with_the_plain_machine_at_any_call_times(at, data):
+def test_controller_matches_reference_state_machine(at, data):
     commands = [(int(t), data.draw(speeds)) for t in at]
     assert _run(commands) == _plain(commands)
 
 
-def test_many_at_once_and_types_stay():
+def test_vectorised_step_keeps_the_types():
     state = SpeedControllerState(*(np.stack([v] * 3) for v in (np.int32(1), np.int64(0), np.int32(0))))
     new, out = jax.vmap(CONTROLLER.step, in_axes=(None, 0, 0))(np.int64(0), state, np.array([-1.0, 0.0, 1.0]))
     assert out.tolist() == [-1, 0, 0]
@@ -107,7 +107,7 @@ def test_many_at_once_and_types_stay():
 
 
 @pytest.mark.parametrize("command", [-2000.0, 0.0, 2000.0])
-def test_time_far_from_zero(command):
+def test_braking_ends_correctly_at_large_times(command):
     late = SpeedControllerState(np.int32(2), np.int64(10**15), np.int32(7))
     for t, over in ((10**15 - 1, False), (10**15, True)):
         _, out = step(np.int64(t), late, command)

@@ -55,7 +55,7 @@ def closed(wanted, voltage=None, wire=None, block=regulator, speed_rpm=0.0):
 
 
 @pytest.mark.thorough
-def test_6_to_9_krpm_settles_in_0_89_s_with_8_8_percent_overshoot():
+def test_step_to_9_krpm_has_expected_settling_and_overshoot():
     """By the reconstructed gains; where the encoder stands between two counts moves it by some tenths of a percent."""
     speeds, _ = closed([6000.0] * 300 + [9000.0] * 300)
     assert speeds[2900:3000] == pytest.approx(6000, abs=30)
@@ -67,7 +67,7 @@ def test_6_to_9_krpm_settles_in_0_89_s_with_8_8_percent_overshoot():
 
 
 @pytest.mark.thorough
-def test_a_sag_of_1_v_costs_1_rpm():
+def test_voltage_sag_of_1_v_costs_1_rpm():
     """7.2 to 6.2 V, with the reconstructed gains."""
     speeds, _ = closed([9000.0] * 800, np.where(np.arange(800) < 400, 7.2, 6.2))
     before, after = speeds[3000:4000].mean(), speeds[7000:].mean()
@@ -82,12 +82,12 @@ def test_measures_15_rpm_per_count():
         assert float(out.speed_rpm) == rpm
 
 
-def test_the_first_count_is_no_speed():
+def test_first_count_gives_zero_speed():
     _, out = step(regulator, np.int64(0), regulator.init(), SpeedRegulatorInput(np.float64(6000.0), np.int32(30000)))
     assert float(out.speed_rpm) == 0.0
 
 
-def test_the_integral_does_not_wind_up():
+def test_integral_does_not_wind_up():
     """15 krpm are out of reach: on the way back it must not stay at full duty, as an integral left alone does."""
     wanted = [15000.0] * 500 + [6000.0] * 200
     speeds, out = closed(wanted)
@@ -98,7 +98,7 @@ def test_the_integral_does_not_wind_up():
     assert naive > 5, "an integral of that size would hold full duty for seconds"
 
 
-def test_duty_keeps_to_the_wanted_side_and_a_stop_empties_it():
+def test_duty_sign_follows_command_and_stop_resets_integral():
     _, out = closed([9000.0] * 200 + [2000.0] * 100 + [0.0] * 50 + [-5000.0] * 400)
     duty = np.asarray(out.duty)
     assert (duty[:300] >= 0).all()
@@ -109,7 +109,7 @@ def test_duty_keeps_to_the_wanted_side_and_a_stop_empties_it():
 
 
 @pytest.mark.parametrize("wire", [0, -1], ids=["cut", "crossed"])
-def test_a_broken_encoder_does_not_end_in_full_thrust(wire):
+def test_broken_encoder_stops_the_fan(wire):
     n = 400
     speeds, out = closed([6000.0] * n, wire=[1] * 100 + [wire] * (n - 100))
     fault = np.asarray(out.fault)
@@ -121,7 +121,7 @@ def test_a_broken_encoder_does_not_end_in_full_thrust(wire):
     assert speeds[-1] < 1500
 
 
-def test_a_stop_clears_the_fault():
+def test_stop_command_clears_the_fault():
     _, out = closed([6000.0] * 100 + [0.0] * 10 + [6000.0] * 100, wire=[0] * 100 + [1] * 110)
     fault = np.asarray(out.fault)
     assert fault[99]
@@ -129,14 +129,14 @@ def test_a_stop_clears_the_fault():
     assert np.asarray(out.speed_rpm)[-1] > 5000
 
 
-def test_a_wish_that_is_no_number_stops_the_fan():
+def test_nan_speed_command_stops_the_fan():
     _, out = closed([6000.0] * 50 + [np.nan] * 10)
     assert (np.asarray(out.duty)[50:] == 0).all()
 
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_its_c_computes_the_same():
+def test_regulator_in_c_matches_jax():
     given = SpeedRegulatorInput(np.float64(0.0), np.int32(0))
     compiled = compile(lambda r, t, s, i: r.step(t, s, i), regulator, np.int64(0), regulator.init(), given)
     rng = np.random.default_rng(5)

@@ -33,17 +33,17 @@ def _oracle(n, theta):
 
 
 @pytest.mark.parametrize(("n", "y"), [(6, 0.2313), (8, 0.3685), (10, 0.4304), (12, 0.4638), (3, 0.2313), (1, 0.2313)])
-def test_reverse_ratio(n, y):
+def test_reverse_thrust_ratio_matches_equation_4_4(n, y):
     """[1] eq. 4.4; held below 6 krpm, where the cubic loses its meaning."""
     assert FAN.ratio(np.float64(1000 * n)) == pytest.approx(y, abs=5e-5)
 
 
-def test_reconstructed_forces():
+def test_thrust_matches_reconstructed_forces():
     assert FAN.force(np.array([3000.0, 12000.0, -12000.0]), STRAIGHT) == pytest.approx([0.10, 1.6, -0.742], abs=5e-4)
     assert FAN.eta(-35 * DEG) == pytest.approx(np.cos(35.566 * DEG))
 
 
-def test_law_is_the_sources():
+def test_thrust_law_matches_the_thesis():
     rng = np.random.default_rng(0)
     n, theta = rng.uniform(-14, 14, 300), rng.uniform(-35, 30, 300) * DEG
     wanted = [_oracle(a, b) for a, b in zip(n, theta, strict=True)]
@@ -61,7 +61,7 @@ def test_inverse_is_the_root_of_the_law():
     assert np.allclose(FAN.speed_rpm(wanted, theta) * 1e-3, roots, atol=1e-9)
 
 
-def test_inverse_to_rounding_over_the_whole_reverse_range():
+def test_inverse_is_exact_over_the_reverse_range():
     """The fixed number of Newton steps is enough everywhere, kinks at 6 and 12 krpm included."""
     n = -np.linspace(0, 15000, 30001)
     assert np.abs(FAN.speed_rpm(FAN.force(n, 0.1), 0.1) - n).max() < 1e-8
@@ -74,7 +74,7 @@ def test_any_force_is_realised_at_any_rudder_angle(wanted, theta):
 
 
 @pytest.mark.thorough
-def test_differentiable_also_at_rest():
+def test_inverse_is_differentiable_at_zero_force():
     for wanted in (-0.3, -0.05, 0.0, 0.2):
         slopes = jax.grad(lambda f: FAN.speed_rpm(f, 0.1))(wanted)
         assert np.isfinite(slopes)
@@ -83,14 +83,14 @@ def test_differentiable_also_at_rest():
             assert slopes * there == pytest.approx(1, rel=1e-6)
 
 
-def test_builds_tables_without_jax_but_traces_with_it():
+def test_thrust_law_works_in_numpy_and_jax():
     assert isinstance(FAN.force(np.ones(3), 0.1), np.ndarray)
     traced = jax.jit(lambda fan: fan.speed_rpm(np.float64(0.3), 0.1))(FAN)
     assert isinstance(traced, jax.Array)
     assert traced == pytest.approx(FAN.speed_rpm(np.float64(0.3), 0.1))
 
 
-def test_lag_is_off_by_default_and_exact_when_on():
+def test_speed_lag_is_exact_and_off_by_default():
     assert FAN.follow_speed(100.0, 5000.0, 1e-3) == 5000.0
     slow = replace(FAN, time_constant=0.2)
     speed = 0.0
@@ -100,7 +100,7 @@ def test_lag_is_off_by_default_and_exact_when_on():
     assert jnp.isfinite(jax.grad(lambda c: replace(FAN, time_constant=c).follow_speed(1.0, 2.0, 1e-3))(0.2))
 
 
-def test_refused_maps():
+def test_rejects_invalid_reverse_maps():
     Thruster().check()
     with pytest.raises(InputError, match="reverse_ratio: reverse thrust must be positive"):
         Thruster(reverse_low_rpm=4000.0).check()

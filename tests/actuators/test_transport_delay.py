@@ -20,20 +20,20 @@ def fly(stage, command, rest=0.0):
 
 
 @pytest.mark.parametrize("n", [0, 1, 3, 7])
-def test_whole_periods_are_a_shift_to_the_bit(n):
+def test_whole_period_delay_shifts_bit_for_bit(n):
     u = np.random.default_rng(0).normal(0, 1, 40)
     got = fly(TransportDelay(delay=n * DT, capacity=9), u, rest=2.0)
     np.testing.assert_array_equal(got, np.r_[np.full(n, 2.0), u][:40])
 
 
 @pytest.mark.parametrize("delay", [0.3, 1.5, 4.9])
-def test_a_ramp_comes_out_as_much_later(delay):
+def test_ramp_is_delayed_by_fractional_periods(delay):
     t = DT * np.arange(50)
     got = fly(TransportDelay(delay=delay * DT), t)
     np.testing.assert_allclose(got[10:], t[10:] - delay * DT, atol=1e-14)
 
 
-def test_no_push_is_lost():
+def test_fractional_delay_conserves_the_impulse():
     """An integrator behind it ends where that behind the exactly delayed held command ends; a lag nearly does."""
     u = np.r_[np.random.default_rng(2).normal(0, 1, 30), np.zeros(10)]
     late, A, B = 0.34, np.array([[-2.0]]), 1.0
@@ -50,7 +50,7 @@ def test_no_push_is_lost():
     assert y == pytest.approx(x, rel=0.02)
 
 
-def test_what_is_not_kept_is_refused():
+def test_rejects_delay_beyond_the_capacity():
     TransportDelay(delay=0.0629, capacity=64).check_period(ms(1))
     with pytest.raises(InputError, match="set capacity to 82"):
         TransportDelay(delay=0.08, capacity=64).check_period(ms(1))

@@ -12,13 +12,13 @@ R = 8.314462618
     ("celsius", "humidity", "co2", "expected"),
     [(0, 0.0, 314e-6, 331.455), (15, 0.0, 4e-4, 340.423), (20, 0.5, 4e-4, 343.987)],
 )
-def test_printed_values(celsius, humidity, co2, expected):
+def test_speed_of_sound_matches_published_values(celsius, humidity, co2, expected):
     """O. Cramer, J. Acoust. Soc. Am. 93 (5), 1993: 331.45 m/s in dry air at 0 °C with 314 ppm; to all digits given."""
     air = Air(temperature=celsius + 273.15, humidity=humidity, carbon_dioxide=co2)
     assert float(speed_of_sound(air)) == pytest.approx(expected, abs=5e-4)
 
 
-def test_slope_with_temperature():
+def test_speed_of_sound_rises_0_6_m_s_per_kelvin():
     """About 0.6 m/s per degree, by differentiation."""
     slope = jax.grad(lambda T: speed_of_sound(Air(temperature=T)))(293.15)
     assert slope == pytest.approx(0.62, abs=0.01)
@@ -45,14 +45,14 @@ def ideal_mixture(celsius, x_water, x_co2):
 @pytest.mark.parametrize("celsius", [0, 10, 20, 30])
 @pytest.mark.parametrize("humidity", [0.0, 0.4, 0.9])
 @pytest.mark.parametrize("co2", [0.0, 4e-4, 5e-3])
-def test_against_ideal_gases(celsius, humidity, co2):
+def test_speed_of_sound_matches_ideal_gas_mixture(celsius, humidity, co2):
     """Real air differs from a mixture of ideal gases by some 0.05 % here (second virial coefficients)."""
     air = Air(temperature=celsius + 273.15, humidity=humidity, carbon_dioxide=co2)
     assert float(speed_of_sound(air)) == pytest.approx(ideal_mixture(celsius, float(water_vapour(air)), co2), rel=1e-3)
 
 
 @pytest.mark.parametrize("celsius", [0.01, 10, 20, 30])
-def test_water_vapour_against_magnus(celsius):
+def test_water_vapour_matches_magnus_formula(celsius):
     """Saturation pressure by the Magnus formula (Alduchov and Eskridge, J. Appl. Meteorol. 35, 1996), to 0.4 %."""
     magnus = 610.94 * np.exp(17.625 * celsius / (243.04 + celsius)) * 1.004
     air = Air(temperature=celsius + 273.15, humidity=0.7)
@@ -62,7 +62,7 @@ def test_water_vapour_against_magnus(celsius):
 @pytest.mark.thorough
 @pytest.mark.parametrize("celsius", [1, 15, 30])
 @pytest.mark.parametrize("pressure", [85e3, 101325.0])
-def test_dry_air_against_coolprop(celsius, pressure):
+def test_dry_air_matches_coolprop(celsius, pressure):
     """The reference equation of state of dry air (Lemmon et al., 2000), where CoolProp is installed; 300 ppm."""
     props = pytest.importorskip("CoolProp.CoolProp")
     air = Air(temperature=celsius + 273.15, humidity=0.0, pressure=pressure, carbon_dioxide=0.0)
@@ -72,7 +72,7 @@ def test_dry_air_against_coolprop(celsius, pressure):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("celsius", [5, 20, 30])
-def test_saturated_vapour_against_coolprop(celsius):
+def test_water_vapour_matches_coolprop(celsius):
     """Its humid-air formulation (Herrmann et al., 2009), where CoolProp is installed."""
     humid = pytest.importorskip("CoolProp.HumidAirProp")
     air = Air(temperature=celsius + 273.15, humidity=0.8, pressure=101325.0)
@@ -80,7 +80,7 @@ def test_saturated_vapour_against_coolprop(celsius):
     assert float(water_vapour(air)) == pytest.approx(expected, rel=1e-3)
 
 
-def test_batches_of_air():
+def test_batch_matches_single_evaluations():
     air = replace(Air(), temperature=np.linspace(273.15, 303.15, 7), humidity=np.linspace(0, 1, 7))
     one_by_one = [
         speed_of_sound(Air(temperature=T, humidity=h)) for T, h in zip(air.temperature, air.humidity, strict=True)

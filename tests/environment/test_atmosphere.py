@@ -26,7 +26,7 @@ Atmosphere 1976, tables I and III."""
 
 
 @pytest.mark.parametrize("height", PRINTED)
-def test_printed_tables_come_out(height):
+def test_matches_the_published_tables(height):
     air = standard_atmosphere(float(height))
     T, p, rho, a = PRINTED[height]
     assert air.temperature == pytest.approx(T, abs=6e-4)
@@ -35,12 +35,12 @@ def test_printed_tables_come_out(height):
     assert air.sound_speed == pytest.approx(a, abs=6e-4)
 
 
-def test_viscosity_at_the_sea_and_at_20_km_is_printed():
+def test_viscosity_matches_published_values():
     assert standard_atmosphere(0.0).viscosity == pytest.approx(1.7894e-5, rel=3e-5)
     assert standard_atmosphere(20_000.0).viscosity == pytest.approx(1.4216e-5, rel=3e-5)
 
 
-def test_pressure_holds_up_the_air_above():
+def test_pressure_gradient_is_hydrostatic():
     """dp/dh = -rho g (r/(r + h))², whatever the line, also below the sea."""
     slope_and_density = jax.vmap(
         lambda h: (jax.grad(lambda h: standard_atmosphere(h).pressure)(h), standard_atmosphere(h).density)
@@ -51,7 +51,7 @@ def test_pressure_holds_up_the_air_above():
     np.testing.assert_allclose(slope, -density * g, rtol=1e-12)
 
 
-def test_it_is_continuous_where_lines_meet():
+def test_atmosphere_is_continuous_at_layer_boundaries():
     for base in atmosphere.BASES[1:]:
         height = base * atmosphere.EARTH_RADIUS / (atmosphere.EARTH_RADIUS - base)
         assert geopotential_height(height) == pytest.approx(base, rel=1e-14)
@@ -60,7 +60,7 @@ def test_it_is_continuous_where_lines_meet():
 
 
 @pytest.mark.thorough
-def test_it_compiles_to_the_same():
+def test_compiled_c_matches_jax():
     fast = trimtab.compile(standard_atmosphere, 0.0)
     for height in (0.0, 11_500.0, 30_000.0, 71_234.5):
         np.testing.assert_allclose(fast(height), standard_atmosphere(jnp.asarray(height)), rtol=1e-14)

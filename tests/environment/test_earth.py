@@ -22,14 +22,14 @@ def gravitation_and_slope(p):
 
 
 @pytest.mark.parametrize("latitude", [-90.0, -40.0, 0.0, 12.0, 45.0, 90.0])
-def test_it_is_the_slope_of_the_potential(latitude):
+def test_gravitation_is_the_gradient_of_the_potential(latitude):
     p = jnp.asarray(to_ecef(np.radians(latitude), 0.4, 120e3))
     found, slope = gravitation_and_slope(p)
     np.testing.assert_allclose(found, slope, rtol=1e-13, atol=1e-12)
 
 
 @pytest.mark.parametrize("latitude", [0.0, 20.0, 45.0, 70.0, 90.0])
-def test_with_its_turning_it_is_normal_gravity(latitude):
+def test_gravitation_with_centrifugal_term_is_normal_gravity(latitude):
     """Somigliana's formula has the whole ellipsoid's field: its J4, -2.37e-6, is 5 J4 of the field at the poles."""
     phi = np.radians(latitude)
     p = to_ecef(phi, 0.0, 0.0)
@@ -38,7 +38,7 @@ def test_with_its_turning_it_is_normal_gravity(latitude):
     np.testing.assert_allclose(felt, gravity(phi), atol=5 * 2.37e-6 * 9.84 + 1e-6)
 
 
-def test_a_round_earth_is_a_sphere():
+def test_round_earth_has_spherical_geometry_and_gravity():
     earth = round_earth()
     p = earth.place(0.3, 0.5, 1000.0)
     assert np.linalg.norm(p) == pytest.approx(earth.semi_major + 1000.0, rel=1e-15)
@@ -47,13 +47,13 @@ def test_a_round_earth_is_a_sphere():
     assert p[2] == pytest.approx(np.sin(0.3) * np.linalg.norm(p))
 
 
-def test_an_ellipsoid_gives_its_places_back():
+def test_geodetic_round_trip_on_the_ellipsoid():
     earth = Earth()
     for place in ((1.2, -2.0, 10e3), (-0.7, 3.0, -50.0), (0.0, 0.0, 400e3)):
         np.testing.assert_allclose(earth.geodetic(earth.place(*place)), place, rtol=1e-9, atol=1e-9)
 
 
-def test_a_day_turns_it_round():
+def test_earth_rotates_once_per_sidereal_day():
     day = 2 * np.pi / RATE
     assert day == pytest.approx(86_164.1, abs=0.1)
     np.testing.assert_allclose(Earth().to_inertial(day), np.eye(3), atol=1e-12)

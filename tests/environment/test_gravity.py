@@ -25,7 +25,7 @@ def potential(p):
     return body + RATE**2 / 2 * (u**2 + E**2) * np.cos(beta) ** 2
 
 
-def test_printed_numbers():
+def test_equator_and_pole_match_wgs84():
     """TR8350.2 table 3.4: equator 9.7803253359, pole 9.8321849378 m/s²."""
     assert float(normal_gravity(0.0)) == pytest.approx(9.7803253359, abs=1e-10)
     assert float(normal_gravity(np.pi / 2)) == pytest.approx(9.8321849378, abs=2e-10)
@@ -33,7 +33,7 @@ def test_printed_numbers():
 
 @pytest.mark.parametrize("latitude", [0.0, 0.4, 0.6805, 1.2, -0.9])
 @pytest.mark.parametrize("height", [0.0, 50.0, 5000.0])
-def test_it_is_the_gradient_of_the_potential(latitude, height):
+def test_normal_gravity_is_the_gradient_of_the_potential(latitude, height):
     """Step 100 m: differencing error below 1e-8 m/s², rounding of the potential (6e7) below 1e-9."""
     p = np.asarray(geodetic.to_ecef(latitude, 0.7, height))
     h = 100.0
@@ -43,7 +43,7 @@ def test_it_is_the_gradient_of_the_potential(latitude, height):
     )
 
 
-def test_vector_points_down():
+def test_gravity_vector_points_down():
     g = np.asarray(gravity(0.6805, 50.0))
     assert g[0] == g[1] == 0
     assert g[2] == pytest.approx(9.80065, abs=1e-5)

@@ -17,13 +17,13 @@ PRINTED = (
 
 
 @pytest.mark.parametrize(("latitude", "longitude", "height", "year", "north", "east", "down"), PRINTED)
-def test_printed_test_values(latitude, longitude, height, year, north, east, down):
+def test_field_matches_published_wmm_test_values(latitude, longitude, height, year, north, east, down):
     """Test values of the WMM2020 report, to their 0.1 nT."""
     got = earth_field(latitude * DEG, longitude * DEG, height, year)
     np.testing.assert_allclose(got * 1e9, [north, east, down], atol=0.06)
 
 
-def test_the_default_place_and_its_angles():
+def test_default_field_matches_college_park():
     """At College Park, 2010.0, as rounded in COLLEGE_PARK; angles there and back."""
     field = earth_field(38.99 * DEG, -76.94 * DEG, 50.0, date(2010, 1, 1))
     np.testing.assert_allclose(field, COLLEGE_PARK, atol=1e-8)
@@ -32,7 +32,7 @@ def test_the_default_place_and_its_angles():
     np.testing.assert_allclose(again, field, atol=1e-18)
 
 
-def test_dates_lie_within_the_year():
+def test_date_is_converted_to_fraction_of_year():
     first, middle, last = (
         earth_field(0.5, 0.1, 0.0, d) for d in (date(2024, 1, 1), date(2024, 7, 2), date(2025, 1, 1))
     )
@@ -41,19 +41,19 @@ def test_dates_lie_within_the_year():
 
 
 @pytest.mark.parametrize("year", [2006.0, 2030.0, math.nan])
-def test_years_without_a_model_are_refused(year):
+def test_rejects_year_without_a_model(year):
     with pytest.raises(InputError, match="no installed World Magnetic Model") as error:
         earth_field(0.5, 0.1, 0.0, year)
     assert "field_from_angles" in error.value.fix
 
 
 @pytest.mark.parametrize("place", [(39.0, 0.1, 0.0), (0.5, math.inf, 0.0), (0.5, 0.1, -5000.0), (math.nan, 0, 0)])
-def test_places_outside_are_refused(place):
+def test_rejects_positions_outside_the_model(place):
     with pytest.raises(InputError, match="does not cover"):
         earth_field(*place, 2020.0)
 
 
-def test_a_missing_package_says_what_to_install(monkeypatch):
+def test_missing_package_error_names_the_install_command(monkeypatch):
     real = builtins.__import__
 
     def without(name, *args, **kwargs):

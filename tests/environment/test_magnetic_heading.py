@@ -22,15 +22,15 @@ def found(roll, pitch, headings):
 
 
 @pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (0.2, -0.3), (-0.5, 0.7)])
-def test_it_finds_the_heading_at_every_angle(roll, pitch):
+def test_recovers_the_heading_at_every_angle(roll, pitch):
     """Also a hair from 0 and pi, where the source's arc cosine is 1e-8 off at best."""
 
     got = np.asarray(found(roll, pitch, jnp.asarray(HEADINGS)))
     np.testing.assert_allclose(np.asarray(wrap(got - HEADINGS)), 0, atol=1e-14)
 
 
-def test_the_arc_cosine_loses_half_of_the_digits():
-    """Why acos is not used."""
+def test_arc_cosine_heading_loses_precision():
+    """Reason for using atan2 instead of acos."""
     psi = 1e-9
     b = np.asarray(from_euler(0.0, 0.0, psi).T @ FIELD)[:2]
     w = FIELD[:2]
@@ -39,18 +39,18 @@ def test_the_arc_cosine_loses_half_of_the_digits():
     assert abs(float(magnetic_heading(np.append(b, 0.0), FIELD)) - psi) < 1e-15
 
 
-def test_true_north_is_meant_not_magnetic():
+def test_heading_refers_to_true_north():
     """Nose along the horizontal field: the heading is the declination."""
     level = np.hypot(*FIELD[:2])
     got = float(magnetic_heading(jnp.array([level, 0.0, FIELD[2]]), FIELD))
     assert got == pytest.approx(np.arctan2(FIELD[1], FIELD[0]), abs=1e-15)
 
 
-def test_strength_ratio():
+def test_strength_ratio_of_full_and_zero_field():
     assert float(strength_ratio(from_euler(0.1, 0.2, 0.3).T @ FIELD, FIELD)) == pytest.approx(1)
     assert float(strength_ratio(jnp.zeros(3), FIELD)) == 0
     assert float(magnetic_heading(jnp.zeros(3), FIELD)) == 0
 
 
-def test_exportable():
+def test_magnetic_heading_lowers_to_generated_c():
     lower_function(lambda b, w, r, p: (magnetic_heading(b, w, r, p), strength_ratio(b, w)), (FIELD, FIELD, 0.1, 0.1))

@@ -67,7 +67,7 @@ def bands(f, *spectra):
 
 
 @pytest.mark.thorough
-def test_the_spectra_are_those_of_the_specification():
+def test_spectra_match_the_specification():
     """Within four standard deviations of what 64 flights of 164 s can tell; Hann's window makes 1.9 cells one."""
     model = to_arrays(Turbulence(period=ms(20), span=12.0))
     rate = 50.0
@@ -82,7 +82,7 @@ def test_the_spectra_are_those_of_the_specification():
 @pytest.mark.thorough
 @pytest.mark.parametrize("form", list(FILTERS))
 @pytest.mark.parametrize("period", [ms(5), ms(50)])
-def test_the_deviation_is_that_of_the_height_at_any_step(form, period):
+def test_standard_deviation_is_independent_of_period(form, period):
     model = to_arrays(Turbulence(form=form, period=period, exceedance=1e-4))
     at = motion(3000.0)
     seen = gusts(model, at, runs=400, n=3)[..., :3].std((0, 1))
@@ -92,7 +92,7 @@ def test_the_deviation_is_that_of_the_height_at_any_step(form, period):
 
 
 @pytest.mark.parametrize("form", list(FILTERS))
-def test_the_rational_form_follows_von_karmans_law(form):
+def test_filters_match_the_published_spectra(form):
     """|H|² of each filter against the printed spectra: exact for Dryden; within 5 % for von Kármán while L k < 10."""
     Lk = np.logspace(-2, 1, 40)
     s = 1j * Lk
@@ -106,7 +106,7 @@ def test_the_rational_form_follows_von_karmans_law(form):
         np.testing.assert_allclose(np.abs(H) ** 2, law, rtol=1e-12 if form == "dryden" else 0.05)
 
 
-def test_lengths_and_deviations_are_the_printed_ones():
+def test_lengths_and_deviations_match_published_values():
     """Low: figures 10 and 11 at 200 ft, 30 kt. High: 1750 ft, and figure 7 at 15 000 ft, 1e-3. Between: a line."""
     model, at = Turbulence(wind=30 * 1852 / 3600), jax.jit(Turbulence.at)
     low = at(model, 200 * FOOT)
@@ -125,7 +125,7 @@ def test_lengths_and_deviations_are_the_printed_ones():
 
 
 @pytest.mark.thorough
-def test_a_step_is_the_exact_one():
+def test_step_matches_exact_discretisation():
     """The mean follows scipy's exponential; what noise adds keeps the steady covariance."""
     filter = FILTERS["von-karman"]["across"]
     A, C = turbulence._system(filter), turbulence._output(filter)
@@ -144,7 +144,7 @@ def test_a_step_is_the_exact_one():
 
 
 @pytest.mark.thorough
-def test_two_half_steps_have_the_covariance_of_a_whole_one():
+def test_two_half_steps_match_one_full_step():
     """Of the component, its rate and the time between them: 4 % is four times what 20 000 pairs can tell."""
     half, whole = (to_arrays(Turbulence(period=p)) for p in (ms(50), ms(100)))
     a = gusts(half, motion(), runs=40, n=1001)[:, ::2]
@@ -156,7 +156,7 @@ def test_two_half_steps_have_the_covariance_of_a_whole_one():
 
 
 @pytest.mark.thorough
-def test_rates_are_those_of_the_air_itself():
+def test_gust_rates_match_velocity_gradients():
     """A gust down that grows along the way lifts the tail: slowly, q = -dw/dx and r = dv/dx."""
     model = to_arrays(Turbulence(period=ms(1), span=1.0))
     g = gusts(model, motion(3000.0), runs=1, n=8000)[0]
@@ -169,7 +169,7 @@ def test_rates_are_those_of_the_air_itself():
 
 
 @pytest.mark.thorough
-def test_it_is_the_same_for_a_seed_and_none_when_switched_off():
+def test_reproducible_per_seed_and_zero_when_switched_off():
     model = to_arrays(Turbulence())
     a, b = gusts(model, motion(), runs=2, n=50)
     again = gusts(model, motion(), runs=1, n=50)[0]
@@ -179,8 +179,8 @@ def test_it_is_the_same_for_a_seed_and_none_when_switched_off():
 
 
 @pytest.mark.thorough
-def test_it_is_the_mean_wind_that_does_not_count_as_airspeed():
-    """In a wind along with it, a vehicle meets the waves more seldom; without a vehicle's word the air is still."""
+def test_turbulence_uses_airspeed_relative_to_mean_wind():
+    """In a tailwind, a vehicle meets the gusts more slowly. Without air data of the vehicle the air is still."""
     wind = np.array([V - 40.0, 0.0, 0.0])
     at = replace(motion(), air=SurroundingAir(height=np.float64(LOW), velocity=wind, rate=O))
     model = to_arrays(Turbulence(period=ms(20)))
@@ -192,7 +192,7 @@ def test_it_is_the_mean_wind_that_does_not_count_as_airspeed():
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("form", list(FILTERS))
-def test_its_c_computes_the_same(form):
+def test_turbulence_in_c_matches_jax(form):
     model, at = to_arrays(Turbulence(form=form)), motion()
 
     def fly(model, run):

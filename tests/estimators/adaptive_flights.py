@@ -1,4 +1,4 @@
-"""Flights in batches, for tests of what learns the modal frequencies: any frequencies, elevator moves, a knock.
+"""Flights in batches, for tests of the adaptive filter: any frequencies, elevator moves, a disturbance.
 
 The order of an instant is that of `flexible_flights`. Where the vehicle is shaken, a rigid feedback of angle of attack
 and pitch rate keeps it at its trim, which is unstable (1.7 1/s); it is no scenario, and leaves every mode damped.
@@ -24,7 +24,7 @@ from trimtab.vehicles.hypersonic import Disturbance, HypersonicInput
 CASES = ((1, 1), (0.9, 0.9), (1.1, 1.1), (0.9, 1), (1.1, 1), (1, 0.9), (1, 1.1), (0.9, 1.1), (1.1, 0.9))
 """Factors of w1 and w2 of the plant."""
 KNOCK = Disturbance(moment=0.4 * 5e5, start=5.0, duration=0.05)
-"""0.4 rad/s^2 for 50 ms, which no filter is told of."""
+"""0.4 rad/s^2 for 50 ms, unknown to the filters."""
 
 
 def rest(s):

@@ -1,4 +1,4 @@
-"""Whole flights of GNSS and inertial navigation as one function of JAX, for statistics: errors, and what was believed.
+"""Whole flights of GNSS and inertial navigation as one function of JAX, for statistics: errors and sigmas.
 
 The world's own sensors on its own path; each flight draws noise, biases and the error of its start. What is compared
 stands at the filter's horizon, with all 15 numbers, and now.
@@ -28,7 +28,7 @@ BLOCKS = {"attitude": (0, 3), "velocity": (3, 6), "position": (6, 9), "gyro bias
 
 
 class Setting(NamedTuple):
-    """What flies: path, sensors, filter, and how far its belief of the start is off, in sigmas (0 or 1)."""
+    """What flies: path, sensors, filter, and the error of its start, in sigmas (0 or 1)."""
 
     path: Any
     imu: Any

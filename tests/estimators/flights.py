@@ -30,7 +30,7 @@ QUICK = {"xla_llvm_disable_expensive_passes": True}
 
 
 def reading(yaw_rate: Any, forward: Any, starboard: Any) -> InertialReading:
-    """What an IMU tells of a motion in the plane, its numbers (n,)."""
+    """IMU reading of a planar motion, its numbers (n,)."""
     none = np.zeros_like(yaw_rate)
     force, rate = np.stack([forward, starboard, none], axis=-1), np.stack([none, none, yaw_rate], axis=-1)
     return InertialReading(force, rate, none > 0, none > 0)
@@ -38,14 +38,14 @@ def reading(yaw_rate: Any, forward: Any, starboard: Any) -> InertialReading:
 
 @record
 class Compass:
-    """What a heading sensor tells. Source: this test."""
+    """Reading of a heading sensor. Source: this test."""
 
     heading: Scalar = quantity("rad", "Heading.", kind="angle")
 
 
 @record
 class Fix:
-    """What a position sensor tells. Source: this test."""
+    """Reading of a position sensor. Source: this test."""
 
     north: Scalar = quantity("m", "North.")
     east: Scalar = quantity("m", "East.")
@@ -128,7 +128,7 @@ class Flown(NamedTuple):
 
 
 def own_model(form: Any, truth: Truth, z: Draws, *, every: int, reads: bool = True, sensors: Any = None) -> Flown:
-    """A form flown on sensors that have just the noise it believes in, from errors that its start believes in.
+    """A form flown on sensors with exactly the noise and the start errors that it assumes.
 
     every: samples between position fixes.  reads: whether it has the heading at every sample.
     sensors: what noise they have instead, an InertialNoise.

@@ -1,4 +1,4 @@
-"""Drives of a vehicle on wheels among four beacons, with exactly the errors that its filter believes: numpy alone."""
+"""Drives of a vehicle on wheels among four beacons, with exactly the errors that its filter assumes. NumPy only."""
 
 from typing import Any, NamedTuple
 

@@ -233,7 +233,7 @@ class LooseNode:
 
 @record
 class Loose:
-    """Loosely coupled: a fix of each ping aids the coupled form, told near the truth how it starts.
+    """Loosely coupled: a fix of each ping aids the coupled form, which starts near the truth.
 
     Source: this test.
     """
@@ -276,7 +276,7 @@ class Loose:
 
 @partial(jax.jit, static_argnames=("path", "seconds", "runs"), compiler_options=SWIFT)
 def own_model(form: Any, *, path: Any, seconds: float, runs: int) -> Flown:
-    """A form that begins as given, on ranges and an IMU with just the errors in which it believes."""
+    """A form that begins as given, on ranges and an IMU with exactly the errors that it assumes."""
     flight = plan(path, seconds)
     s, e, n = form.start, form.errors, np.shape(form.beacons)[0]
 

@@ -31,7 +31,7 @@ def unaided(form, imu_reading):
 
 @pytest.mark.thorough("AidedInertialDirect", "AidedInertialFeedforward", "AidedInertialCoupled")
 @forms
-def test_errors_grow_as_the_theorys_polynomials(cls):
+def test_unaided_errors_grow_as_predicted_polynomials(cls):
     """Bias of a gyro: heading t, velocity t² and position t³ across a force; bias of a force: t, t²."""
     n, f, b, a = 1000, 0.8, 1e-5, np.array([0.02, -0.01])
     x = unaided(to_arrays(cls(noise=MEMS, start=NEAR)), np.tile([b, f + a[0], a[1]], (n + 1, 1))).x
@@ -45,7 +45,7 @@ def test_errors_grow_as_the_theorys_polynomials(cls):
     assert f * b * t[-1] ** 3 / 6 > 3e-4
 
 
-def test_the_coupled_covariance_grows_as_the_theorys_polynomials():
+def test_coupled_covariance_grows_as_predicted_polynomials():
     """Along a force f: heading and gyro bias reach velocity as f t, f t²/2, and position as f t²/2, f t³/6."""
     n, f = 1500, 0.8
     noise = InertialNoise(gyro=1e-30, gyro_walk=0.0, forward=1e-2, starboard=1e-2, force_walk=1e-3)
@@ -75,7 +75,7 @@ def course(shape):
 @pytest.mark.thorough
 @forms
 @pytest.mark.parametrize("shape", ["circle", "eight"])
-def test_perfect_sensors_close_a_lap_from_rest_to_rest(cls, shape):
+def test_perfect_sensors_close_a_lap_between_rests(cls, shape):
     """At the IMU's own tick, spinning three times the while: to 1e-8 m."""
     n = 3000
     T = (n - 1) * DT
@@ -96,7 +96,7 @@ def test_perfect_sensors_close_a_lap_from_rest_to_rest(cls, shape):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("shape", ["circle", "eight"])
-def test_a_lap_at_speed_misses_by_the_trapezoids_error(shape):
+def test_lap_at_speed_misses_by_the_trapezoidal_error(shape):
     """By dt² T/12 of the force's rate of change where it begins: to close to 1e-8 m it needs a shorter tick."""
     n = 1600
     T = n * DT
@@ -115,7 +115,7 @@ def test_a_lap_at_speed_misses_by_the_trapezoids_error(shape):
 
 @pytest.mark.thorough("AidedInertialDirect", "AidedInertialFeedforward", "AidedInertialCoupled")
 @forms
-def test_a_lap_of_force_that_runs_straight_closes_exactly(cls):
+def test_lap_with_piecewise_linear_force_closes_exactly(cls):
     """There and back on slopes that bend at samples only: to rounding, however few samples there are."""
     knots = 3.0 * np.array([0, 1, 0, -1, 0, -1, 0, 1, 0])
     for k in (1, 80):

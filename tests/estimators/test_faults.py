@@ -1,6 +1,6 @@
-"""What goes wrong with sensors, for each form: every fault ends in a signal, and in sigmas that stay honest.
+"""Sensor faults, for each form: every fault is flagged, and the sigmas stay consistent.
 
-Single faults at length, with what a filter does that believes them: test_aided_inertial.py.
+Single faults in detail, and filters without fault detection: inertial/test_aided.py.
 """
 
 from typing import Any, NamedTuple
@@ -81,7 +81,7 @@ def imu_twice(sent):
 
 
 def position_again(sent):
-    """Each fix comes again when a newer one has come, so that its time tells nothing to who looks at the last only."""
+    """Each fix is repeated after a newer one, so that a check of the last time alone does not find the duplicate."""
     due = np.flatnonzero(sent.fix_fresh & AFTER)[1:]
     again = due + 2
     again, before = again[again < N], due[: np.sum(again < N)] - 15
@@ -95,7 +95,7 @@ def frozen_imu(sent):
 
 
 def imu_clock_backwards(sent):
-    """By more than the rest of the flight; when it has caught up, its samples are late by that, as `age` tells."""
+    """By more than the rest of the flight; when it has caught up, its samples are late by that, which `age` reports."""
     return given(sent, felt_t=(sent.felt_t - 520 * TICK, AFTER))
 
 
@@ -131,7 +131,7 @@ def _jolt():
 
 
 def _whirl():
-    """Truth with 7 rad/s more for a second, which is more than the gyro can tell."""
+    """Truth with 7 rad/s more for a second, which exceeds the gyro's range."""
     extra = 7.0 * ((np.arange(N) >= 500) & (np.arange(N) < 650))
     turned = np.append(0.0, np.cumsum((extra[1:] + extra[:-1]) / 2 * DT))
     c, s = np.cos(turned), np.sin(turned)
@@ -148,7 +148,7 @@ def clipped(sent):
 MOVED = TRUTH._replace(position=TRUTH.position + np.array([0.5, 0.0]) * AFTER[:, None])
 EVERYTHING = ("heading", "north", "east", "gyro_bias")
 SILENT = range(500, 507)
-"""Until it coasts the estimate is of its own age, which it tells."""
+"""Until the filter coasts, the estimate is old; `age` reports by how much."""
 FAULTS = {
     "NaN from the IMU": Fault(nan_imu, lambda s: s.imu.invalid > 0, EVERYTHING, left_out=SILENT),
     "NaN from the position source": Fault(nan_position, lambda s: s.position_sensor.invalid > 0, ("north", "east")),
@@ -193,7 +193,7 @@ def sigmas_off(state, fault):
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", FAULTS)
 @pytest.mark.parametrize("form", FORMS)
-def test_it_is_flagged_and_the_sigmas_stay_honest(form, name):
+def test_each_fault_is_flagged_and_sigmas_stay_consistent(form, name):
     fault = FAULTS[name]
     state = flown(FORMS[form], fault)
     flags = fault.signal(state)
@@ -221,14 +221,14 @@ TRUSTING = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", TRUSTING)
-def test_a_filter_that_takes_it_for_true_is_wrong(name):
-    """That these are faults at all: the same flights, the same filter without the test for it."""
+def test_filter_without_fault_detection_is_wrong(name):
+    """The same flights and filter, with the detection of the fault switched off."""
     believed = {key: np.asarray(v, getattr(FEEDBACK.intake, key).dtype) for key, v in TRUSTING[name].items()}
     naive = replace(FEEDBACK, intake=replace(FEEDBACK.intake, **believed))
     assert max(sigmas_off(flown(naive, FAULTS[name]), FAULTS[name]).values()) > 6
 
 
-def test_giving_in_to_a_frozen_sensor_is_refused():
+def test_rejects_frozen_threshold_above_the_patience():
     with pytest.raises(InputError, match="frozen_position"):
         Intake(frozen_position=6).check()
     Intake(frozen_position=0).check()

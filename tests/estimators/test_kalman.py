@@ -32,7 +32,7 @@ def information_form(x, P, y, H, R):
     return x + new @ H.T @ np.linalg.inv(R) @ y, new
 
 
-def test_predict_is_the_textbook_one():
+def test_predict_matches_the_textbook_formula():
     x, P, *_ = case(0)
     F, Q = np.random.default_rng(1).standard_normal((N, N)), np.eye(N)
     new_x, new_P = predict(x, P, F, Q)
@@ -43,7 +43,7 @@ def test_predict_is_the_textbook_one():
 
 @pytest.mark.thorough("2")
 @pytest.mark.parametrize("m", [1, 2, 3])
-def test_update_is_the_information_form(m):
+def test_update_matches_the_information_form(m):
     x, P, y, H, R = case(m, m)
     done = update(x, P, y, H, R)
     want_x, want_P = information_form(x, P, y, H, R)
@@ -58,7 +58,7 @@ def test_update_is_the_information_form(m):
 
 @pytest.mark.thorough("2")
 @pytest.mark.parametrize("m", [1, 2, 3])
-def test_inflated_an_innovation_is_a_usual_one(m):
+def test_inflated_covariance_gives_expected_nis(m):
     """Without noise of the measurement NIS falls to its mean m; an innovation within it inflates nothing."""
     _, P, y, H, _ = case(3, m)
     none = 1e-12 * np.eye(m)
@@ -71,7 +71,7 @@ def test_inflated_an_innovation_is_a_usual_one(m):
 
 
 @pytest.mark.thorough
-def test_one_scalar_after_another_is_the_same():
+def test_sequential_update_matches_joint_update():
     x, P, y, H, _ = case(4)
     variances = np.array([0.5, 1.0, 2.0])
     joint, turn = update(x, P, y, H, np.diag(variances)), update_sequentially(x, P, y, H, variances)
@@ -80,7 +80,7 @@ def test_one_scalar_after_another_is_the_same():
     np.testing.assert_allclose(turn.nis, joint.nis, rtol=1e-11)
 
 
-def test_in_turn_an_outlier_costs_only_itself():
+def test_sequential_update_drops_only_the_outlier():
     x, P, y, H, _ = case(5)
     variances, bad = np.ones(M), y + np.array([0.0, 1e3, 0.0])
     kept = update(x, P, y[[0, 2]], H[[0, 2]], np.eye(2))
@@ -94,7 +94,7 @@ def test_in_turn_an_outlier_costs_only_itself():
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_measurement_that_is_no_number_changes_nothing(bad):
+def test_nan_measurement_leaves_the_state_unchanged(bad):
     x, P, y, H, R = case(6)
     done = update(x, P, np.array([y[0], bad, y[2]]), H, R)
     assert not done.finite
@@ -105,7 +105,7 @@ def test_a_measurement_that_is_no_number_changes_nothing(bad):
 
 
 @pytest.mark.thorough
-def test_the_gate_is_on_the_nis():
+def test_gate_applies_to_the_nis():
     x, P, y, H, R = case(7)
     nis = float(update(x, P, y, H, R).nis)
     assert update(x, P, y, H, R, gate=nis * 1.001).accepted
@@ -115,7 +115,7 @@ def test_the_gate_is_on_the_nis():
     np.testing.assert_array_equal(refused.P, P)
 
 
-def test_a_considered_state_stays_and_its_uncertainty_counts():
+def test_considered_state_is_kept_and_its_uncertainty_counts():
     """P is the true covariance of the filter with that gain: checked by pushing errors through it."""
     _, P, _, H, R = case(8)
     consider = np.array([1.0, 0, 1, 1, 0])
@@ -130,7 +130,7 @@ def test_a_considered_state_stays_and_its_uncertainty_counts():
     np.testing.assert_allclose(np.cov(after.T), done.P, atol=0.02 * np.abs(P).max())
 
 
-def test_josephs_form_keeps_symmetry_over_many_steps():
+def test_joseph_form_keeps_symmetry_over_many_steps():
     _, P, _, H, R = case(10)
     F = np.eye(N) + 0.01 * np.random.default_rng(11).standard_normal((N, N))
 
@@ -143,7 +143,7 @@ def test_josephs_form_keeps_symmetry_over_many_steps():
     assert np.asarray(signals.asymmetry).max() == 0.0
 
 
-def test_health_against_eigenvalues():
+def test_covariance_health_bounds_the_eigenvalues():
     for seed in range(20):
         _, P, *_ = case(seed)
         signals = health(P)
@@ -158,7 +158,7 @@ def test_health_against_eigenvalues():
 
 
 @pytest.mark.parametrize("spoil", ["negative", "indefinite", "nan", "infinite"])
-def test_health_tells_what_is_no_covariance(spoil):
+def test_covariance_health_reports_invalid_covariance(spoil):
     _, P, *_ = case(12)
     P = P.copy()
     if spoil == "negative":
@@ -176,20 +176,20 @@ def test_health_tells_what_is_no_covariance(spoil):
     )
 
 
-def test_health_tells_asymmetry():
+def test_covariance_health_reports_asymmetry():
     P = np.eye(3)
     P[0, 1] = 1e-3
     assert health(P).asymmetry == pytest.approx(1e-3)
 
 
-def test_nees_is_the_quadratic_form():
+def test_nees_matches_the_quadratic_form():
     x, P, *_ = case(13)
     assert nees(x, P) == pytest.approx(x @ np.linalg.solve(P, x), rel=1e-11)
     assert np.isnan(nees(x, -P))
 
 
 @pytest.mark.thorough
-def test_the_steps_export():
+def test_filter_steps_lower_to_generated_c():
     x, P, y, H, R = case(14)
     assert lower_function(predict, (x, P, P, P)).text("f")
     assert lower_function(lambda *a: update(*a, gate=9.0, consider=jnp.ones(N)), (x, P, y, H, R)).text("f")

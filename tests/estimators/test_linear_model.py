@@ -39,7 +39,7 @@ def fly(estimator, *frames):
 
 
 @pytest.mark.thorough
-def test_a_sample_is_used_once_and_only_while_it_is_new(estimator):
+def test_sample_is_used_once_while_fresh(estimator):
     state, first = fly(estimator, frame(0, 0.1))
     assert (int(first.used), bool(first.valid), bool(first.fresh)) == (1, True, True)
     assert float(first.state.position) == pytest.approx(0.1, abs=1e-4)
@@ -52,7 +52,7 @@ def test_a_sample_is_used_once_and_only_while_it_is_new(estimator):
 
 
 @pytest.mark.thorough
-def test_what_is_not_finite_is_not_used(estimator):
+def test_nan_measurements_are_not_used(estimator):
     state, before = fly(estimator, frame(0, 0.1))
     _, after = estimator.step(T, state, frame(T, np.nan, force=np.nan))
     assert int(after.used) == 0
@@ -61,19 +61,19 @@ def test_what_is_not_finite_is_not_used(estimator):
     assert float(after.P[0]) > float(before.P[0])
 
 
-def test_between_its_periods_the_estimate_is_held(estimator):
+def test_estimate_is_held_between_periods(estimator):
     state, before = fly(estimator, frame(0, 0.1))
     _, held = step(estimator, state, strengthen_types(frame(T // 2, 0.3)))
     assert (int(held.used), float(held.state.position)) == (0, float(before.state.position))
     np.testing.assert_array_equal(held.P, before.P)
 
 
-def test_nothing_is_valid_before_a_measurement(estimator):
+def test_estimate_is_invalid_before_the_first_measurement(estimator):
     _, estimate = fly(estimator, frame(0, np.nan))
     assert not bool(estimate.valid)
 
 
-def test_a_disturbance_keeps_the_filter_awake(estimator):
+def test_disturbance_noise_keeps_the_covariance_large(estimator):
     still = replace(estimator, Qd=np.zeros((4, 4)))
     frames = [frame(k * T, 0.0) for k in range(300)]
     awake, asleep = (fly(one, *frames)[1].P[-1] for one in (estimator, still))

@@ -1,4 +1,4 @@
-"""The estimator that believes one sensor."""
+"""The estimator that passes one sensor through."""
 
 import pytest
 
@@ -8,11 +8,11 @@ from trimtab.core.time import ms
 from trimtab.estimators.passthrough import Passthrough
 
 
-def test_it_listens_to_its_sensor():
+def test_passthrough_listens_only_to_its_sensor():
     assert Passthrough("truth").listens == ("truth",)
 
 
-def test_the_sample_is_the_estimate_with_its_age():
+def test_estimate_equals_the_sample_and_its_age():
     sample = hold_sample(ms(20), new_sample(ms(6), PlanarState(1.0, -0.5, 0.2, 3.0)), fresh=True)
     other = new_sample(ms(46), PlanarState(0.0, 0.0, 0.0, 0.0))
     estimator = Passthrough()

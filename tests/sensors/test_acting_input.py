@@ -1,4 +1,4 @@
-"""ActingInput and FlexibleTruth: what they give, and that a world hands each what it feels."""
+"""ActingInput and FlexibleTruth: their readings, and the quantity that the world passes to each sensor."""
 
 import numpy as np
 import pytest
@@ -26,14 +26,14 @@ def world(sensors=SENSORS):
     return World(vehicle=Hypersonic(), sensors=sensors, actuators=actuators, max_step=TICK, **links)
 
 
-def test_truth_is_the_state_with_the_climb_for_the_pitch_angle():
+def test_flexible_truth_reports_climb_rate_instead_of_pitch():
     seen = FlexibleTruth().measure(X)
     np.testing.assert_allclose(seen.h_rate, 7702.0 * np.sin(0.002), rtol=1e-12)
     names = ("h", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
     assert [float(getattr(seen, n)) for n in names] == [float(getattr(X, n)) for n in names]
 
 
-def test_the_true_state_is_the_state_whatever_it_is():
+def test_true_state_sensor_returns_any_vehicle_state():
     made = world({"truth": TrueState(period=TICK)})
     _, frame = made.sense(Instant(0), made.init(key(0), X))
     seen = frame.samples["truth"].value
@@ -41,7 +41,7 @@ def test_the_true_state_is_the_state_whatever_it_is():
     assert (float(seen.h), float(seen.eta2_rate)) == (85000.0, -0.2)
 
 
-def test_a_sample_tells_what_acted_before_the_command_of_the_same_instant():
+def test_sample_holds_the_input_before_the_new_command():
     """[1] eq. 9: the acceleration is sampled while u(k-1) acts, and the filter needs that u."""
     made = world()
     clock = [Instant(k * TICK, frozenset((TICK,))) for k in range(2)]
@@ -58,7 +58,7 @@ def test_a_sample_tells_what_acted_before_the_command_of_the_same_instant():
     np.testing.assert_allclose(frame.samples["felt"].value.pitch_acceleration, q_rate, rtol=1e-12)
 
 
-def test_a_sensor_that_feels_what_no_world_has_is_refused():
+def test_rejects_sensor_of_unknown_quantity():
     class Sixth(ActingInput):
         FEELS = "mood"
 
@@ -66,7 +66,7 @@ def test_a_sensor_that_feels_what_no_world_has_is_refused():
         world({"odd": Sixth()}).init(key(0), X)
 
 
-def test_motion_sensors_are_fed_as_before():
+def test_motion_sensor_still_receives_the_motion():
     made = world({"felt": AngularAccelerometer(noise=0.0)})
     _, frame = made.sense(Instant(0, frozenset((TICK,))), made.init(key(0), replace(X, q=0.0)))
     wanted = made.vehicle.coupled_accelerations(0.0, replace(X, q=0.0), NEUTRAL)[0]

@@ -22,19 +22,19 @@ def motion(v, w=O, wind=O, turn=O, height=0.0):
 @pytest.mark.parametrize(
     ("mach", "ratio"), [(0.5, 1.1862), (1.0, 1.8929), (2.0, 5.6404), (4.0, 21.068), (10.0, 129.22)]
 )
-def test_pitot_ratios_are_the_printed_ones(mach, ratio):
+def test_pitot_ratios_match_naca_1135(mach, ratio):
     """NACA report 1135, table I (subsonic) and table II (p02/p1 behind a normal shock)."""
     assert float(impact_pressure(mach, 1.0)) + 1 == pytest.approx(ratio, rel=2e-4)
     assert float(mach_of_impact(ratio - 1)) == pytest.approx(mach, rel=2e-4)
 
 
-def test_the_mach_number_comes_back_from_the_pressure():
+def test_impact_pressure_inverts_to_mach_number():
     for mach in (0.0, 0.01, 0.3, 0.999, 1.001, 1.5, 3.0, 8.0, 25.0):
         assert float(mach_of_impact(impact_pressure(mach, 1.0))) == pytest.approx(mach, rel=1e-9, abs=1e-7)
     assert np.isfinite(mach_of_impact(-0.2))
 
 
-def test_speeds_and_angles_are_those_through_the_air():
+def test_airspeed_and_flow_angles_account_for_wind():
     seen = IDEAL.measure(motion([60.0, 5.0, 8.0], wind=[10.0, 0.0, -2.0], height=3000.0))
     speed = np.sqrt(50**2 + 5**2 + 10**2)
     assert float(seen.airspeed) == pytest.approx(speed, rel=1e-9)
@@ -43,7 +43,7 @@ def test_speeds_and_angles_are_those_through_the_air():
     assert float(seen.beta) == pytest.approx(np.arcsin(5 / speed))
 
 
-def test_probes_away_from_the_centre_feel_the_turn_and_not_the_airs_own():
+def test_probe_offset_adds_rotation_relative_to_the_air():
     nose = replace(IDEAL, position=(3.0, 0.0, 0.0))
     turning = motion([60.0, 0.0, 0.0], w=[0.0, 0.2, 0.1])
     seen = nose.measure(turning)
@@ -64,7 +64,7 @@ def rollout(sensor, key, at, k):
 
 
 @pytest.mark.thorough
-def test_each_error_is_as_large_as_said():
+def test_each_error_has_the_given_size():
     at = motion([60.0, 4.0, 3.0])
     true = IDEAL.measure(at)
     seen = samples(replace(IDEAL, pressure_noise=20.0, vane_noise=0.01), at, 4000)

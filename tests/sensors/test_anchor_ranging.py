@@ -31,14 +31,14 @@ def rollout(sensor, key, k):
     return jax.lax.scan(one, sensor.init(key), k)[1]
 
 
-def test_ranges_are_distances_of_the_antenna():
+def test_ranges_are_distances_from_antenna_to_anchors():
     seen = replace(IDEAL, lever_arm=(0.5, 0.0, 0.1)).measure(STILL)
     np.testing.assert_allclose(seen.range, np.linalg.norm(PLACE + np.array([0.0, 0.5, 0.1]) - np.array(HALL), axis=1))
     assert np.asarray(seen.received).all()
 
 
 @pytest.mark.thorough
-def test_noise_bias_losses_and_late_paths_are_as_said():
+def test_noise_bias_losses_and_multipath_have_given_sizes():
     true = np.asarray(IDEAL.measure(STILL).range)
     assert (samples(replace(IDEAL, noise=0.05), 3000).range - true).std() == pytest.approx(0.05, rel=0.05)
     runs = np.array([samples(replace(IDEAL, bias=0.1), 2, seed).range[0] - true for seed in range(60)])
@@ -51,14 +51,14 @@ def test_noise_bias_losses_and_late_paths_are_as_said():
     assert late[late > 1e-9].mean() == pytest.approx(0.8, rel=0.1)
 
 
-def test_what_is_out_of_reach_is_not_heard_and_keeps_its_last_range():
+def test_anchor_out_of_reach_is_not_received():
     short = samples(replace(IDEAL, reach=4.0), 2)
     np.testing.assert_array_equal(short.received[1], np.linalg.norm(PLACE - np.array(HALL), axis=1) <= 4.0)
     np.testing.assert_array_equal(np.asarray(short.range)[1][~np.asarray(short.received)[1]], 0.0)
 
 
 @pytest.mark.thorough
-def test_a_place_in_space_comes_out_of_them():
+def test_least_squares_recovers_position_from_ranges():
     """Exactly without noise; with it as well as the geometry lets it: the covariance of least squares."""
     anchors, used = np.array(HALL), np.ones(6, bool)
     solve = jax.jit(lambda r, u: solve_in_space(anchors, r, u, np.array([4.0, 3.0, -1.5])))
@@ -73,6 +73,6 @@ def test_a_place_in_space_comes_out_of_them():
     np.testing.assert_allclose(np.cov((places - PLACE).T), 0.05**2 * np.linalg.inv(H.T @ H), atol=4e-4)
 
 
-def test_places_that_are_none_are_refused():
+def test_rejects_anchors_with_wrong_shape():
     with pytest.raises(InputError, match=r"must have shape \(n, 3\)"):
         AnchorRanging(anchors=((0.0, 1.0),)).check()

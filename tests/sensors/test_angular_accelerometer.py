@@ -1,4 +1,4 @@
-"""The angular accelerometer on the hypersonic vehicle: what it feels, its noise and its faults."""
+"""The angular accelerometer on the hypersonic vehicle: its reading, noise and imperfections."""
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +28,7 @@ def _motion(pitch_acceleration):
     return Motion(0, O, O, O, O, O, jnp.array([7.0, 1.0, -5.0]) * jnp.array([1, pitch_acceleration, 1]))
 
 
-def test_it_feels_the_whole_pitch_acceleration_of_the_vehicle():
+def test_measures_total_pitch_acceleration_including_bending():
     """That of the dynamics, bending included, and not only of the moment."""
     craft = Hypersonic()
     x, u = HypersonicState(85000.0, 7702.0, 0.028, 0.028, 0.0, 1.5, 3.0, 1.1, -2.0), HypersonicInput(0.26, 0.217)
@@ -37,7 +37,7 @@ def test_it_feels_the_whole_pitch_acceleration_of_the_vehicle():
     assert abs(float(got) - float(craft.forces_at(x, u).M) / craft.Iyy) > 0.1
 
 
-def test_noise_is_white_and_as_large_as_said():
+def test_noise_is_white_with_the_given_deviation():
     """sigma 0.01 rad/s^2 for each sample at 200 Hz, the scenarios' setting, which is a density of 5e-7."""
     sensor = AngularAccelerometer()
     assert isinstance(sensor, Sensor)
@@ -49,7 +49,7 @@ def test_noise_is_white_and_as_large_as_said():
     assert not np.array_equal(z, _samples(sensor, _motion(0.2), 4000, seed=1) - 0.2)
 
 
-def test_faults_and_their_switches():
+def test_scale_and_offset_can_be_switched_off():
     sensor = AngularAccelerometer(noise=0.0, scale_factor=0.02, offset=-0.03)
     np.testing.assert_allclose(_samples(sensor, _motion(0.5), 3), 0.5 * 1.02 - 0.03, rtol=1e-14)
     for name in imperfections(AngularAccelerometer()):

@@ -42,7 +42,7 @@ def response(unit, frequency):
     return abs(z), np.angle(z)
 
 
-def test_the_band_ends_where_it_says():
+def test_gain_at_the_bandwidth_is_minus_3_db():
     unit = replace(IDEAL, bandwidth=20.0)
     assert response(unit, 20.0)[0] == pytest.approx(np.sqrt(0.5), rel=1e-3)
     assert response(unit, 2.0)[0] == pytest.approx(1.0, abs=2e-3)
@@ -50,14 +50,14 @@ def test_the_band_ends_where_it_says():
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.005, 0.0125, 0.075])
-def test_the_delay_is_one(delay):
+def test_phase_at_low_frequency_matches_the_delay(delay):
     """Between samples the line is straight, so that at low frequency the phase is that of the delay."""
     gain, phase = response(replace(IDEAL, delay=delay), 1.0)
     assert gain == pytest.approx(1.0, abs=1e-3)
     assert phase == pytest.approx(-2 * np.pi * delay, abs=1e-4)
 
 
-def test_where_the_body_bends_it_turns_with_it():
+def test_reading_includes_rotation_due_to_bending():
     craft = Hypersonic()
     x, u = HypersonicState(85000.0, 7702.0, 0.028, 0.028, 0.0, 1.5, 3.0, 1.1, -2.0), HypersonicInput(0.26, 0.217)
     motion = craft.motion(0, x, u)
@@ -68,7 +68,7 @@ def test_where_the_body_bends_it_turns_with_it():
     assert float(seen) == pytest.approx(float(rate.q + 2e-4 * rate.eta1_rate - 3e-4 * rate.eta2_rate), rel=1e-12)
 
 
-def test_zero_and_scale_are_drawn_for_each_run_and_stay():
+def test_bias_and_scale_factor_are_drawn_per_run():
     unit = replace(IDEAL, bias=0.1, scale_factor=0.05)
     runs = np.array([samples(unit, [0.0, 1.0, 0.0], seed) for seed in range(300)])
     np.testing.assert_array_equal(runs[:, 0], runs[:, 2])
@@ -77,14 +77,14 @@ def test_zero_and_scale_are_drawn_for_each_run_and_stay():
     assert samples(replace(IDEAL, noise=0.01), np.zeros(4000)).std() == pytest.approx(0.01, rel=0.05)
 
 
-def test_without_its_faults_it_is_what_it_feels():
+def test_ideal_unit_returns_the_true_acceleration():
     names = {f"angular-accelerometer-{n}" for n in ("noise", "offset", "scale-factor", "bandwidth", "delay", "place")}
     assert set(imperfections(IDEAL)) == names
     felt = np.random.default_rng(1).normal(size=20)
     np.testing.assert_array_equal(samples(IDEAL, felt), felt)
 
 
-def test_what_it_cannot_be_is_refused():
+def test_rejects_excessive_bandwidth_and_delay():
     with pytest.raises(InputError, match="is too high"):
         replace(IDEAL, bandwidth=120.0).check()
     with pytest.raises(InputError, match="longer than"):

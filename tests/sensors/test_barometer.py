@@ -40,26 +40,26 @@ def rollout(sensor, key, motions):
 @pytest.mark.parametrize(
     ("height", "pressure"), [(0.0, 101325.0), (5000.0, 54048.0), (15000.0, 12111.0), (50000.0, 79.78)]
 )
-def test_the_pressure_is_the_printed_one(height, pressure):
+def test_pressure_matches_the_standard_atmosphere_table(height, pressure):
     """U.S. Standard Atmosphere 1976, table I."""
     seen = IDEAL.measure(motion(height))
     assert float(seen.pressure) == pytest.approx(pressure, rel=2e-4)
     assert float(seen.altitude) == pytest.approx(height, abs=1e-6)
 
 
-def test_pressure_altitude_undoes_the_atmosphere_from_below_the_sea_to_86_km():
+def test_pressure_altitude_inverts_the_atmosphere_up_to_86_km():
     heights = np.linspace(-400, 86e3, 41)
     found = jax.jit(jax.vmap(lambda h: pressure_altitude(standard_atmosphere(h).pressure)))(heights)
     np.testing.assert_allclose(found, heights, rtol=0, atol=1e-5)
 
 
-def test_the_height_is_that_over_the_sea_where_the_vehicle_knows_it():
+def test_altitude_uses_height_above_sea_level_when_known():
     over = replace(motion(10.0), air=SurroundingAir(height=np.float64(1500.0), velocity=O, rate=O))
     assert float(IDEAL.measure(over).altitude) == pytest.approx(1500.0)
 
 
 @pytest.mark.thorough
-def test_noise_bias_drift_and_steps_are_as_large_as_said():
+def test_noise_bias_drift_and_resolution_have_given_sizes():
     still = [motion(100.0)] * 4000
     true = float(IDEAL.measure(still[0]).pressure)
     noisy = samples(replace(IDEAL, noise=3.0), still) - true
@@ -74,7 +74,7 @@ def test_noise_bias_drift_and_steps_are_as_large_as_said():
     assert len(np.unique(steps)) > 2
 
 
-def test_the_port_feels_a_share_of_the_wind_and_the_tube_lags():
+def test_static_port_error_and_tube_lag_affect_pressure():
     q = 1.225 * 60.0**2 / 2
     seen = samples(replace(IDEAL, static_error=0.03), [motion(0.0, 60.0)] * 2)
     assert seen[0] - 101325.0 == pytest.approx(0.03 * q, rel=1e-3)
@@ -86,7 +86,7 @@ def test_the_port_feels_a_share_of_the_wind_and_the_tube_lags():
     np.testing.assert_allclose(fall[10:], high + (low - high) * np.exp(-0.2 * np.arange(1, 11)), rtol=1e-9)
 
 
-def test_without_its_faults_it_is_what_it_measures():
+def test_ideal_barometer_returns_the_true_pressure():
     names = {
         "barometer-noise",
         "barometer-bias",

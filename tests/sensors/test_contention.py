@@ -36,7 +36,7 @@ def draws(number, n):
 
 
 def event_list(number, ready):
-    """The dumb way: a list of what each station does next, always the earliest first."""
+    """Reference simulation: a list of the next event of each station, earliest first."""
     n = len(ready)
     first, again = draws(number, n)
     when = {i: ready[i] + (1 + int(first[i] * 64)) / 2400 for i in range(n)}
@@ -59,7 +59,7 @@ def event_list(number, ready):
 
 
 @pytest.mark.thorough
-def test_against_a_list_of_events():
+def test_exchange_matches_event_list_simulation():
     ready, found = exchanges(6, 40)
     for number in range(40):
         end, got = event_list(number, ready[number])
@@ -72,14 +72,14 @@ def test_against_a_list_of_events():
     ("n", "expected", "tolerance"),
     [(3, 0.92, 0.015), (4, 0.85, 0.015), (5, 0.97, 0.015), (6, 0.97, 0.015), (8, 0.99, 0.01)],
 )
-def test_three_ranges_a_slot(n, expected, tolerance):
+def test_three_ranges_per_slot_arrive_with_expected_probability(n, expected, tolerance):
     """Probability of at least three ranges in a slot of 100 ms, all beacons in reach; fewest with four, where one
     collision leaves two."""
     _, found = exchanges(n, 8000)
     assert (found.received.sum(1) >= 3).mean() == pytest.approx(expected, abs=tolerance)
 
 
-def test_last_range_is_in_61_to_91_ms_after_the_slot_begins():
+def test_mean_time_of_last_range_is_61_to_91_ms():
     """On the average, with three and with eight beacons."""
     for n, expected in ((3, 61e-3), (8, 91e-3)):
         _, found = exchanges(n, 8000)
@@ -88,7 +88,7 @@ def test_last_range_is_in_61_to_91_ms_after_the_slot_begins():
         assert last.max() <= WINDOW
 
 
-def test_messages_that_arrive_do_not_overlap():
+def test_received_messages_do_not_overlap():
     _, found = exchanges(8, 500)
     assert found.collided.any()
     for end, received, collided in zip(found.end, found.received, found.collided, strict=True):
@@ -99,7 +99,7 @@ def test_messages_that_arrive_do_not_overlap():
             assert np.sort(gaps)[1] >= MESSAGE - 1e-12
 
 
-def test_who_has_nothing_to_say_is_silent_and_who_is_alone_is_heard():
+def test_only_speaking_stations_send_and_single_one_is_received():
     speaks = np.zeros((200, 4), bool)
     speaks[:, 2] = True
     _, found = exchanges(4, 200, speaks=speaks)
@@ -109,7 +109,7 @@ def test_who_has_nothing_to_say_is_silent_and_who_is_alone_is_heard():
     assert not none.received.any()
 
 
-def test_waits_are_whole_bytes_up_to_the_longest():
+def test_waiting_times_are_uniform_whole_bytes():
     ready, found = exchanges(1, 4000)
     waits = (found.end - ready - MESSAGE) * 2400
     np.testing.assert_allclose(waits, waits.round(), atol=1e-9)
@@ -121,7 +121,7 @@ def test_waits_are_whole_bytes_up_to_the_longest():
 
 
 @pytest.mark.thorough
-def test_attempts_are_enough():
+def test_more_attempts_do_not_change_the_exchange():
     """Eight stations come to an end long before the attempts do; more of them change nothing."""
     _, found = exchanges(8, 2000)
     _, longer = exchanges(8, 2000, sense=replace(SENSE, attempts=96))

@@ -1,4 +1,4 @@
-"""The dive sensor: what it gives of a vehicle's state, and its noise."""
+"""The dive sensor: its reading of a vehicle's state, and its noise."""
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ def values(reading):
     return [float(getattr(reading, n)) for n in NAMES]
 
 
-def test_it_gives_the_vehicles_state():
+def test_reading_equals_the_vehicle_state_without_noise():
     attitude = np.array(quaternion.from_euler(*map(jnp.asarray, (0.1, -0.2, 0.9))))
     x = TorpedoState(np.array([1, 2, 7.0]), attitude, np.array([1.5, 0.1, 0.2]), np.array([0.3, 0.4, 0.5]))
     sensor = DiveSensor()
@@ -33,7 +33,7 @@ def test_it_gives_the_vehicles_state():
 
 
 @pytest.mark.thorough
-def test_noises_are_independent_and_as_said():
+def test_noises_are_independent_with_the_given_deviations():
     sigmas = {
         "depth_noise": 0.05,
         "attitude_noise": 0.01,

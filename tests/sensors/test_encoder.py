@@ -23,7 +23,7 @@ def readings(encoder, headings):
     return jax.jit(jax.vmap(one))(jnp.asarray(headings))
 
 
-def test_it_counts_4096_in_a_turn_both_ways():
+def test_counts_4096_steps_per_turn_in_both_directions():
     """[1] section 6.2.1. Headings between counts, so that rounding decides none."""
     k = np.arange(-5000, 5000, 37)
     value, _ = readings(Encoder(), (k + 0.25) * STEP)
@@ -32,7 +32,7 @@ def test_it_counts_4096_in_a_turn_both_ways():
     assert np.asarray(value.count).dtype == np.int32
 
 
-def test_the_angle_is_within_half_a_count_and_without_mean_error():
+def test_angle_error_is_unbiased_and_below_half_a_count():
     psi = np.random.default_rng(0).uniform(-20, 20, 4000)
     value, true = readings(Encoder(zero=0.3), psi)
     error = np.asarray(value.angle) - (psi - 0.3)
@@ -41,7 +41,7 @@ def test_the_angle_is_within_half_a_count_and_without_mean_error():
     np.testing.assert_allclose(true.angle, psi - 0.3, atol=1e-15)
 
 
-def test_a_disc_off_its_centre_errs_once_a_turn():
+def test_eccentricity_error_has_one_period_per_turn():
     psi = np.linspace(0, 2 * np.pi, 100)
     value, _ = readings(without(Encoder(eccentricity=0.01), "encoder-quantisation"), psi)
     np.testing.assert_allclose(value.angle, psi + 0.01 * np.sin(psi), atol=1e-14)

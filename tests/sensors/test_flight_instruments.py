@@ -1,4 +1,4 @@
-"""Flight instruments: what they measure against hand-made motions, and their errors against what is declared."""
+"""Flight instruments: measurements of known motions, and errors of the declared sizes."""
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ def motion(v=(100.0, 5.0, 8.0), w=(0.0, 0.0, 0.0), a=(0.0, 0.0, 0.0), alpha=(0.0
     return Motion(np.int64(0), p, np.asarray(angles), *(np.asarray(x, float) for x in (v, w, a, alpha)))
 
 
-def test_air_data():
+def test_measures_airspeed_flow_angles_and_altitude():
     seen = FlightInstruments().measure(motion())
     assert float(seen.speed) == pytest.approx(np.sqrt(100**2 + 25 + 64))
     assert float(jnp.tan(seen.alpha)) == pytest.approx(0.08)
@@ -29,7 +29,7 @@ def test_air_data():
     assert np.isfinite(np.asarray(FlightInstruments().measure(motion(v=(0, 0, 0))).alpha))
 
 
-def test_load_factors_are_those_of_a_turn():
+def test_coordinated_turn_at_sixty_degrees_gives_two_g():
     """A level coordinated turn at 60 degrees of bank feels 2 g and nothing aside."""
     turning = np.array([0.0, 0.0, STANDARD * np.tan(60 * DEG) / 100])  # yaw rate in W
     R = np.asarray(from_euler(60 * DEG, 0.0, 0.0))
@@ -41,7 +41,7 @@ def test_load_factors_are_those_of_a_turn():
     assert float(seen.side_load) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_arm_feels_the_turning():
+def test_lever_arm_adds_angular_acceleration_to_load_factors():
     """Pitching up faster lifts what sits before the centre of mass; yawing right pushes it to starboard."""
     sensor = FlightInstruments(lever_arm=(4.0, 0.0, 0.0))
     still = sensor.measure(motion())
@@ -77,7 +77,7 @@ def samples(sensor):
 
 @pytest.mark.parametrize("group", GROUPS)
 @pytest.mark.parametrize("kind", ["noise", "bias"])
-def test_errors_are_as_large_as_declared_and_nowhere_else(group, kind):
+def test_each_error_affects_only_its_own_channels(group, kind):
     first, second, true = samples(to_arrays(FlightInstruments(**{f"{group}_{kind}": 0.5})))
     for name in (n for names in GROUPS.values() for n in names):
         off = np.asarray(getattr(first, name)) - float(getattr(true, name))
@@ -89,7 +89,7 @@ def test_errors_are_as_large_as_declared_and_nowhere_else(group, kind):
         assert np.allclose(same, off) == (kind == "bias"), "a bias stays, noise does not"
 
 
-def test_each_number_has_errors_of_its_own():
+def test_biases_are_drawn_independently_per_channel():
     every = FlightInstruments(**{f"{group}_bias": 1.0 for group in GROUPS})
     assert len(set(np.asarray(every.init(key(3)).bias).tolist())) == len(CHANNELS)
     assert replace(every, speed_bias=0.0).init(key(3)).bias.shape == (len(CHANNELS),)

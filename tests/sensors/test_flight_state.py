@@ -17,7 +17,7 @@ from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicS
 NAMES = ("altitude", "climb", "speed", "alpha", "pitch_rate")
 
 
-def test_it_gives_the_vehicles_state():
+def test_reading_equals_the_vehicle_state_in_si():
     x, u = HypersonicState(85000.0, 7702.0, 0.03, 0.05, 0.01, 0.9, 0.0, 0.7, 0.0), HypersonicInput(0.3, 0.2)
     sensor = FlightStateSensor()
     assert isinstance(sensor, Sensor)
@@ -27,13 +27,13 @@ def test_it_gives_the_vehicles_state():
     np.testing.assert_allclose([float(getattr(seen, n)) for n in NAMES], want, rtol=1e-12)
 
 
-def test_climb_is_that_of_any_attitude():
+def test_climb_rate_is_correct_at_any_attitude():
     attitude, velocity, o = jnp.array([0.4, -0.3, 1.2]), jnp.array([50.0, -7.0, 20.0]), jnp.zeros(3)
     seen = FlightStateSensor().measure(Motion(0, o, attitude, velocity, o, o, o))
     assert float(seen.climb) == pytest.approx(-float((from_euler(*attitude) @ velocity)[2]), rel=1e-12)
 
 
-def test_noises_are_independent_and_as_said():
+def test_noises_are_independent_with_the_given_deviations():
     sigmas = np.array([1.0, 0.2, 0.5, 1e-3, 2e-4])
     sensor = FlightStateSensor(*sigmas)
     state, o = sensor.init(key(3)), jnp.zeros(3)
@@ -45,7 +45,7 @@ def test_noises_are_independent_and_as_said():
     assert np.abs(np.corrcoef(z) - np.eye(5)).max() < 4 / np.sqrt(3000)
 
 
-def test_faults_can_be_switched_off():
+def test_noise_can_be_switched_off():
     sensor = FlightStateSensor(1.0, 1.0, 1.0, 1.0, 1.0)
     for name in imperfections(FlightStateSensor()):
         sensor = without(sensor, name)

@@ -1,4 +1,4 @@
-"""The receiver of fixes: what it measures is the antenna's, its errors have the sizes given, outages are silent."""
+"""The receiver of fixes: position and velocity of the antenna, sizes of the errors, outages."""
 
 import jax
 import jax.numpy as jnp
@@ -33,7 +33,7 @@ def samples(gnss, n, motion=None, seed=0):
     return jax.jit(lambda: jax.lax.scan(step, gnss.init(key(seed)), jnp.arange(n)))()[1]
 
 
-def test_it_measures_place_and_velocity_of_the_antenna():
+def test_measures_position_and_velocity_of_the_antenna():
     """Against SciPy's rotations; the velocity is the derivative of the place."""
     arm, motion = np.array([0.5, -0.2, -0.3]), moving()
     reading = replace(QUIET, lever_arm=arm).measure(motion)
@@ -45,14 +45,14 @@ def test_it_measures_place_and_velocity_of_the_antenna():
     np.testing.assert_allclose(reading.velocity, (moved - reading.position) / h, atol=1e-5)
 
 
-def test_a_fix_comes_out_late_and_says_when_it_was_made():
+def test_fix_is_late_and_stamped_with_measurement_time():
     s = samples(QUIET, 100)
     fresh = np.flatnonzero(s.fresh)
     np.testing.assert_array_equal(np.asarray(s.t)[fresh], np.arange(5) * ms(200))
     np.testing.assert_array_equal(fresh * ms(10), np.arange(5) * ms(200) + ms(120))
 
 
-def test_white_errors_have_the_sizes_given_and_down_its_own():
+def test_white_noise_deviations_differ_for_the_down_axis():
     s = samples(
         Gnss(noise=0.5, noise_down=1.5, velocity_noise=0.1, velocity_noise_down=0.3, lever_arm=np.zeros(3)), 40_000
     )
@@ -61,7 +61,7 @@ def test_white_errors_have_the_sizes_given_and_down_its_own():
     np.testing.assert_allclose(got, [[0.5, 0.5, 1.5], [0.1, 0.1, 0.3]], rtol=0.06)
 
 
-def test_the_correlated_error_has_its_size_and_forgets_in_its_time():
+def test_correlated_error_has_given_deviation_and_correlation_time():
     """Over 40 receivers: its deviation from the first fix on; the correlation at one correlation time is 1/e."""
     gnss = replace(
         QUIET,
@@ -85,7 +85,7 @@ def test_the_correlated_error_has_its_size_and_forgets_in_its_time():
 
 
 @pytest.mark.thorough
-def test_nothing_is_received_in_an_outage():
+def test_no_fix_is_received_in_an_outage():
     s = samples(replace(QUIET, outages=Outages(start=seconds(2), length=seconds(1), interval=seconds(5))), 1000)
     made = np.asarray(s.t)[np.asarray(s.fresh)] / seconds(1)
     inside = ((made - 2.0) % 5.0 < 1.0) & (made >= 2.0)
@@ -95,6 +95,6 @@ def test_nothing_is_received_in_an_outage():
     assert np.asarray(once.fresh).sum() == 45
 
 
-def test_a_period_that_misses_fixes_is_refused():
+def test_rejects_period_that_misses_fixes():
     with pytest.raises(InputError, match="missed"):
         replace(QUIET, period=ms(30)).check()

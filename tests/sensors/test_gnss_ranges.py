@@ -33,7 +33,7 @@ def samples(sensor, n, seed=0):
     return jax.jit(lambda: jax.lax.scan(step, sensor.init(key(seed)), jnp.arange(n)))()[1]
 
 
-def test_satellites_stand_where_they_are_seen():
+def test_satellite_positions_match_azimuth_and_elevation():
     places, velocities = sky([90 * DEG, 0.0], [0.0, 90 * DEG], [0.0, 90 * DEG])
     np.testing.assert_allclose(places[0], [0, ORBIT, 0], atol=1e-6)
     np.testing.assert_allclose(places[1], [0, 0, -ORBIT], atol=1e-6)
@@ -41,7 +41,7 @@ def test_satellites_stand_where_they_are_seen():
     np.testing.assert_allclose((places * velocities).sum(1), 0, atol=1e-3)
 
 
-def test_ranges_are_distances_and_rates_their_derivatives():
+def test_range_rates_are_derivatives_of_the_distances():
     reading, found = jax.jit(lambda m: (QUIET.measure(m), antenna(m, QUIET.lever_arm)))(MOTION)
     place, velocity = (np.asarray(v) for v in found)
     t, h = to_seconds(MOTION.t), 1e-3
@@ -53,7 +53,7 @@ def test_ranges_are_distances_and_rates_their_derivatives():
 
 
 @pytest.mark.thorough
-def test_place_velocity_and_clock_can_be_found_again():
+def test_least_squares_recovers_position_velocity_and_clock():
     """By SciPy's least squares from the sample alone: the clock at 1 s has run on by its drift."""
     s = samples(QUIET, 120)
     i = int(np.flatnonzero(s.fresh)[-1])
@@ -73,7 +73,7 @@ def test_place_velocity_and_clock_can_be_found_again():
     np.testing.assert_allclose(x[6:], [1500 + 20 * t, 20], atol=2e-3)
 
 
-def test_the_clock_wanders_as_its_noise_says():
+def test_clock_variances_match_the_noise_model():
     """Over 200 clocks, 4 s: drift's variance q t; bias's n t + q t³/3."""
     sensor = replace(QUIET, clock_noise=0.3, drift_walk=0.2, period=ms(200), clock_drift=0.0, clock_bias=0.0)
     distance = np.linalg.norm(PLACES[5] - np.asarray(QUIET.lever_arm))
@@ -90,7 +90,7 @@ def test_the_clock_wanders_as_its_noise_says():
 
 
 @pytest.mark.thorough
-def test_in_an_outage_so_many_remain_and_without_any_nothing_comes():
+def test_outage_keeps_only_the_remaining_satellites():
     hidden = Outages(start=seconds(1), length=seconds(1))
     s = samples(replace(QUIET, outages=hidden, remaining=3), 300)
     fresh = np.asarray(s.fresh)
@@ -110,7 +110,7 @@ def test_satellites_below_five_degrees_are_not_received():
     np.testing.assert_array_equal(received, [False, True])
 
 
-def test_an_almanac_is_put_on_the_local_map():
+def test_almanac_converts_from_ecef_to_local_frame():
     """A satellite straight above the origin is straight above; its velocity keeps its size."""
     plane = TangentPlane(0.68, -1.34, 100.0)
     above = np.asarray(to_ecef(0.68, -1.34, 100.0 + ORBIT))
@@ -120,6 +120,6 @@ def test_an_almanac_is_put_on_the_local_map():
     np.testing.assert_allclose(velocities[0], [0, 3000, 0], atol=1e-9)
 
 
-def test_places_without_velocities_are_refused():
+def test_rejects_satellite_velocities_without_positions():
     with pytest.raises(InputError, match="must both"):
         replace(QUIET, velocities=np.zeros((7, 3))).check()

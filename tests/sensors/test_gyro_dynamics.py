@@ -23,7 +23,7 @@ def followed(model, u):
     return np.asarray(run(model, jnp.asarray(u)))
 
 
-def test_identified_gyro_is_equation_6_2():
+def test_identified_gyro_matches_equation_6_2():
     """Poles 0.490 ± 0.222 i, gain at rest 1.046; the step response is scipy's."""
     section = IdentifiedGyro(normalised=False).section()
     poles = np.roots([1, section.a1, section.a2])
@@ -35,7 +35,7 @@ def test_identified_gyro_is_equation_6_2():
     assert followed(IdentifiedGyro(), u)[-1] == pytest.approx(1, abs=1e-6)
 
 
-def test_delayed_gyro_has_the_gains_of_table_6_5():
+def test_delayed_gyro_matches_gains_of_table_6_5():
     """[1] table 6.5: gains within 0.05 at all seven frequencies, as far as the table's two digits tell (0.005).
 
     The phase is within 0.05 rad at 5 and 15 Hz, and lags by 0.3, 0.5 and 1.0 rad too much at 20, 30 and 50 Hz.
@@ -47,7 +47,7 @@ def test_delayed_gyro_has_the_gains_of_table_6_5():
     np.testing.assert_allclose(lag[[3, 4, 6]], [-0.3, -0.5, -1.0], atol=0.05)
 
 
-def test_delayed_gyro_is_the_analogue_low_pass_and_the_delay():
+def test_delayed_gyro_matches_analogue_low_pass_with_delay():
     f = np.linspace(0.5, 50, 60)
     b, a = signal.butter(2, 2 * np.pi * 30, analog=True)
     wanted = signal.freqs(b, a, 2 * np.pi * f)[1] * np.exp(-2j * np.pi * f * 2 * DT)
@@ -56,7 +56,7 @@ def test_delayed_gyro_is_the_analogue_low_pass_and_the_delay():
     np.testing.assert_allclose(np.angle(H / wanted), 0, atol=0.006)
 
 
-def test_delayed_gyro_follows_as_its_frequency_response_says():
+def test_delayed_gyro_sine_response_matches_frequency_response():
     """Fed with a sine, after the transient: amplitude and phase by projection."""
     model, f = DelayedGyro(), 15.0
     t = np.arange(600) * DT
@@ -67,7 +67,7 @@ def test_delayed_gyro_follows_as_its_frequency_response_says():
     assert a + 1j * b == pytest.approx(complex(frequency_response(*model.coefficients(), f, DT)), abs=1e-6)
 
 
-def test_models_start_settled():
+def test_models_start_in_steady_state():
     for model in (IdentifiedGyro(), DelayedGyro()):
         np.testing.assert_allclose(followed(model, np.full(20, 0.7)), 0.7, atol=1e-12)
     assert DelayedGyro().sampling == ms("6.5536")

@@ -26,7 +26,7 @@ def flown(sensor, n, rate=2.0):
     return np.asarray(now), jax.tree.map(np.asarray, jax.lax.scan(step, first, now)[1])
 
 
-def test_late_heading_is_behind_by_rate_times_latency():
+def test_late_heading_lags_by_rate_times_latency():
     sensor = HeadingSensor(noise=0.0, timing=LateFix(latency=0.087, stamped="arrival"))
     now, out = flown(sensor, 1000)
     lag = 2.0 * now[out.fresh] * 1e-7 - out.value.heading[out.fresh]
@@ -35,7 +35,7 @@ def test_late_heading_is_behind_by_rate_times_latency():
     np.testing.assert_allclose(prompt[1].value.heading[prompt[1].fresh], 2.0 * prompt[0][prompt[1].fresh] * 1e-7)
 
 
-def test_noise_is_as_declared_and_does_not_depend_on_the_latency():
+def test_noise_has_given_deviation_independent_of_latency():
     slow = flown(HeadingSensor(noise=0.1, timing=LateFix(latency=0.005, interval=ms(10))), 40000, rate=0.0)[1]
     fast = flown(HeadingSensor(noise=0.1, timing=LateFix(interval=ms(10))), 40000, rate=0.0)[1]
     errors = fast.value.heading[fast.fresh]
@@ -44,7 +44,7 @@ def test_noise_is_as_declared_and_does_not_depend_on_the_latency():
 
 
 @pytest.mark.thorough
-def test_compass_reads_the_heading_with_the_printed_variance():
+def test_compass_heading_has_the_published_variance():
     """[1] section 6.2.1: R1 = 1.6e-4 rad²."""
     _, out = flown(Compass(), 4000)
     error = np.angle(np.exp(1j * (out.value.heading - 2.0 * out.t * 1e-7)))
@@ -54,7 +54,7 @@ def test_compass_reads_the_heading_with_the_printed_variance():
         assert perfect.measure(motion(0, heading)).heading == pytest.approx(heading, abs=1e-12)
 
 
-def test_a_lean_shifts_a_level_compass_by_its_share_of_the_dip():
+def test_roll_shifts_compass_heading_by_tangent_of_dip():
     """Rolled while it points along the level field: tan(heading error) = tan(roll) tan(dip), to first order."""
     field = np.array([2e-5, 0.0, 4e-5])
     compass = Compass(magnetometer=Magnetometer(earth_field=field))

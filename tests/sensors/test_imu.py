@@ -74,7 +74,7 @@ YAW = np.array([0.0, 0.0, 1.0])
 
 
 @pytest.mark.thorough
-def test_it_feels_the_acceleration_of_its_own_place():
+def test_specific_force_includes_the_lever_arm():
     """Lever arm and gravity: the place l of the body, followed along a path in space and differentiated twice."""
     arm, s = np.array([0.4, -0.3, 0.2]), 1.3
     imu = Imu(lever_arm=arm, gravity=(0.0, 0.0, G))
@@ -88,13 +88,13 @@ def test_it_feels_the_acceleration_of_its_own_place():
     np.testing.assert_allclose(reading.angular_rate, spin(s), atol=1e-14)
 
 
-def test_at_rest_it_feels_the_floor_pushing_up():
+def test_specific_force_at_rest_is_minus_gravity():
     reading = Imu(gravity=(0.0, 0.0, G)).measure(still(pitch=0.1, yaw=2.0))
     np.testing.assert_allclose(reading.specific_force, [G * np.sin(0.1), 0, -G * np.cos(0.1)], atol=1e-14)
 
 
 @pytest.mark.thorough
-def test_a_mounting_turns_both():
+def test_mounting_rotates_force_and_rate():
     mounted = Imu(mounting=(0.0, 0.0, 0.3)).measure(motion(0.7))
     plain = Imu().measure(motion(0.7))
     for name in ("specific_force", "angular_rate"):
@@ -103,7 +103,7 @@ def test_a_mounting_turns_both():
 
 
 @pytest.mark.thorough
-def test_on_the_turning_earth():
+def test_readings_include_earth_rate_and_coriolis():
     """Coriolis and earth rate: in a frame that does not turn, the path's second derivative is all there is.
 
     The centrifugal acceleration is part of gravity, and put there.
@@ -123,7 +123,7 @@ def test_on_the_turning_earth():
 
 
 @pytest.mark.thorough
-def test_the_unit_of_the_source():
+def test_microstrain_3dm_gx1_has_the_published_errors():
     """The 3DM-GX1: 0.72 deg/s and 0.082 m/s² a sample, 0.7 deg/s and 10 mg of bias, ±300 deg/s and ±1.7 g, tick."""
     imu = Imu.microstrain_3dm_gx1()
     assert isinstance(imu, Sensor)
@@ -141,7 +141,7 @@ def test_the_unit_of_the_source():
 
 
 @pytest.mark.thorough
-def test_the_bias_walks():
+def test_bias_walk_variance_grows_with_time():
     """After n ticks the bias has the variance K² n dt; different seeds, axes alike."""
     K, n = 0.01, 400
     imu = Imu(gyro=GyroErrors(bias_walk=K))
@@ -151,7 +151,7 @@ def test_the_bias_walks():
 
 
 @pytest.mark.thorough
-def test_scale_factor_and_misalignment_are_one_matrix_a_run():
+def test_scale_and_misalignment_are_drawn_per_run():
     imu = Imu(gyro=GyroErrors(scale_factor=0.01, misalignment=0.02), gravity=(0.0, 0.0, 0.0))
 
     columns = logged(imu, [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0]], range(300)).angular_rate
@@ -162,7 +162,7 @@ def test_scale_factor_and_misalignment_are_one_matrix_a_run():
 
 
 @pytest.mark.thorough
-def test_saturation_is_flagged_and_only_that_triad():
+def test_saturation_is_flagged_only_for_the_gyro():
     imu = without(without(without(Imu.microstrain_3dm_gx1(), "imu-noise"), "imu-turn-on-bias"), "imu-scale-factor")
     imu = without(without(without(imu, "imu-misalignment"), "imu-bias-walk"), "imu-quantisation")
     rates = YAW * 6.4 * COUNT[:, None] / 59
@@ -179,7 +179,7 @@ def test_saturation_is_flagged_and_only_that_triad():
 
 
 @pytest.mark.thorough
-def test_quantisation():
+def test_gyro_output_is_rounded_to_the_resolution():
     step = 0.01
     imu = Imu(gyro=GyroErrors(resolution=step))
     wanted = np.array([0.1, -0.1, 0.003]) * (COUNT - 20)[:, None]
@@ -199,7 +199,7 @@ def test_bandwidth_is_the_3_db_frequency():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("response", [IdentifiedGyro(), DelayedGyro()], ids=["identified", "delayed"])
-def test_gyro_dynamics_take_the_place_of_the_low_pass(response):
+def test_gyro_dynamics_replace_the_low_pass(response):
     u = np.sin(0.3 * COUNT)
     got = logged(Imu(gyro=GyroErrors(response=response)), YAW * u[:, None])
     wanted = jax.lax.scan(response.respond, response.start(0.0), jnp.asarray(u))[1]
@@ -207,7 +207,7 @@ def test_gyro_dynamics_take_the_place_of_the_low_pass(response):
 
 
 @pytest.mark.thorough
-def test_switching_one_error_off_leaves_the_others_as_they_were():
+def test_switching_one_error_off_leaves_the_others_unchanged():
     imu, turning = without(Imu.microstrain_3dm_gx1(), "imu-quantisation"), np.tile(0.5 * YAW, (N, 1))
     whole, less = (logged(i, turning).angular_rate[0] for i in (imu, without(imu, "imu-turn-on-bias")))
     np.testing.assert_allclose(whole - less, np.tile((whole - less)[0], (N, 1)), atol=1e-13)
@@ -222,7 +222,7 @@ def test_switching_one_error_off_leaves_the_others_as_they_were():
         without(imu, "rust")
 
 
-def test_what_a_tick_cannot_carry_is_refused():
+def test_rejects_bandwidth_and_response_unsuited_to_the_period():
     with pytest.raises(InputError, match="80 Hz") as error:
         Imu(accelerometer=AccelerometerErrors(bandwidth=80.0)).check()
     assert error.value.part == "accelerometer.bandwidth"
@@ -231,7 +231,7 @@ def test_what_a_tick_cannot_carry_is_refused():
 
 
 @pytest.mark.thorough
-def test_an_estimator_can_differentiate_it():
+def test_measurement_jacobian_matches_finite_differences():
     """The derivative of h by the attitude against central differences."""
 
     def force(a):

@@ -1,4 +1,4 @@
-"""What comes out late, against a list of what was put in."""
+"""Delivery of late fixes, against a list of the inputs."""
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +23,7 @@ def run(fix, n=500):
 @pytest.mark.thorough("0-1", "0-87", "30-0", "30-100")
 @pytest.mark.parametrize("latency", [0, 1, 87, 100])
 @pytest.mark.parametrize("offset", [0, 30])
-def test_each_comes_out_once_after_its_latency(latency, offset):
+def test_each_fix_is_delivered_once_after_the_latency(latency, offset):
     now, out = run(LateFix(latency=latency * 1e-3, interval=ms(100), offset=ms(offset)))
     came = now[out.fresh] // ms(1)
     expected = list(range(offset + latency, 500, 100))
@@ -35,14 +35,14 @@ def test_each_comes_out_once_after_its_latency(latency, offset):
     assert out.valid[expected[0] :].all()
 
 
-def test_stamped_with_its_arrival_it_looks_prompt():
+def test_arrival_stamp_hides_the_latency():
     now, out = run(LateFix(latency=0.087, stamped="arrival"))
     np.testing.assert_array_equal(out.t[out.fresh], now[out.fresh])
     assert (out.age[out.fresh] == 0).all()
     np.testing.assert_array_equal(out.value[out.fresh], now[out.fresh] - ms(87))
 
 
-def test_more_than_one_under_way_is_refused():
+def test_rejects_latency_longer_than_the_interval():
     with pytest.raises(InputError, match="longer than the interval"):
         LateFix(latency=0.11, interval=ms(100)).check()
     with pytest.raises(InputError, match="must be less than the interval"):

@@ -40,7 +40,7 @@ def measured(sensor, m):
     return _measured(to_arrays(sensor), m)
 
 
-def test_it_measures_the_field_in_the_body():
+def test_measures_the_field_in_the_body_frame():
     m = motion(heading=0.7, roll=0.1, pitch=-0.2)
     wanted = from_euler(0.1, -0.2, 0.7).T @ FIELD
     np.testing.assert_allclose(measured(Magnetometer(), m).field, wanted, atol=1e-19)
@@ -50,7 +50,7 @@ def test_it_measures_the_field_in_the_body():
     assert isinstance(Magnetometer(), Sensor)
 
 
-def test_noise_gives_the_heading_variance_of_the_source():
+def test_noise_gives_the_published_heading_variance():
     """[1] R1 = 1.6e-4 rad² in the default field; 1000 samples: 4.5 % standard error of the variance."""
     sensor = Magnetometer.microstrain_3dm_gx1()
 
@@ -63,7 +63,7 @@ def test_noise_gives_the_heading_variance_of_the_source():
     assert found.mean() == pytest.approx(1.0, abs=4 * 0.0126 / np.sqrt(1000))
 
 
-def test_hard_iron_errs_once_a_turn_and_soft_iron_twice():
+def test_hard_and_soft_iron_give_first_and_second_harmonic():
     """The classic single- and semicircular deviation: harmonics 1 and 2 of the heading error."""
     headings = jnp.linspace(0, 2 * np.pi, 64, endpoint=False)
     level = np.hypot(*FIELD[:2])
@@ -87,7 +87,7 @@ def test_hard_iron_errs_once_a_turn_and_soft_iron_twice():
     assert soft[1] < 0.02 * soft[2]
 
 
-def test_dipole_against_biot_savart():
+def test_dipole_field_matches_biot_savart():
     """Oracle: a ring of current, summed; ten radii away it is a dipole to 2 %; the size is tiny."""
     radius, current, n = 0.01, 5.0, 2000
     a = 2 * np.pi * np.arange(n) / n
@@ -102,7 +102,7 @@ def test_dipole_against_biot_savart():
 
 
 @pytest.mark.thorough
-def test_a_motor_disturbs_while_it_runs():
+def test_running_motor_disturbs_the_field():
     motor = RunningMotor(instants=(seconds(1), seconds(2)), duty=(1.0, 0.0))
     sensor = Magnetometer(disturbances=(motor,))
     off = [seen(sensor, motion(t=seconds(s), heading=0.4)).field for s in (0.5, 2.0)]
@@ -115,7 +115,7 @@ def test_a_motor_disturbs_while_it_runs():
     np.testing.assert_allclose(turned, on - off[0], atol=1e-18, err_msg="it is fixed in the body")
 
 
-def test_a_motors_field_follows_its_duty():
+def test_motor_field_is_proportional_to_duty():
     sensor = Magnetometer()
     course = RunningMotor(instants=(seconds(1), seconds(2), seconds(4)), duty=(0.3, -0.7, 0.1))
     full = RunningMotor().field(motion(), sensor.position)
@@ -126,12 +126,12 @@ def test_a_motors_field_follows_its_duty():
 
 
 @pytest.mark.parametrize("course", [{"duty": (1.0, 0.0)}, {"instants": (2, 1), "duty": (1.0, 0.0)}])
-def test_a_course_needs_a_duty_for_each_of_rising_instants(course):
+def test_rejects_motor_duties_without_increasing_instants(course):
     with pytest.raises(InputError, match=r"RunningMotor\.(duty|instants)"):
         RunningMotor(**course).check()
 
 
-def test_steel_disturbs_where_it_lies():
+def test_floor_steel_disturbs_the_field_nearby():
     steel = FloorSteel(position=(2.0, 1.0, 0.3))
     sensor = Magnetometer(disturbances=(steel,))
     near, far = seen(sensor, motion(place=(2.0, 1.0, 0.0))).field, seen(sensor, motion(place=(-3.0, 1.0, 0.0))).field
@@ -141,7 +141,7 @@ def test_steel_disturbs_where_it_lies():
     np.testing.assert_allclose(from_euler(0.0, 0.0, 1.1) @ turned, near, atol=1e-18, err_msg="it is fixed in the world")
 
 
-def test_limits_and_steps():
+def test_field_is_clipped_and_rounded_to_the_resolution():
     sensor = Magnetometer(range=4e-5, resolution=1e-6)
     value = seen(sensor, motion(heading=0.3))
     assert float(value.field[2]) == pytest.approx(4e-5, abs=1e-18)
@@ -150,7 +150,7 @@ def test_limits_and_steps():
     np.testing.assert_allclose(np.asarray(value.field) / 1e-6, np.round(np.asarray(value.field) / 1e-6), atol=1e-9)
 
 
-def test_every_fault_can_be_switched_off():
+def test_every_imperfection_can_be_switched_off():
     sensor = Magnetometer.microstrain_3dm_gx1(
         hard_iron=(1e-6, 0.0, 0.0),
         soft_iron=np.diag([1.1, 1.0, 1.0]),

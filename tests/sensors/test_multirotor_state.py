@@ -26,7 +26,7 @@ def readings(sensor, n=20_000):
 
 
 @pytest.mark.thorough
-def test_noise_has_the_sizes_that_it_says():
+def test_noise_has_the_given_deviations():
     z = readings(SENSOR)
     for name, size in (("position", 0.002), ("velocity", 0.02), ("rate", 0.02), ("rotor_speed", 2.0)):
         off = np.asarray(getattr(z, name)) - getattr(STATE, name)
@@ -37,7 +37,7 @@ def test_noise_has_the_sizes_that_it_says():
     np.testing.assert_allclose(np.linalg.norm(z.attitude, axis=1), 1, atol=1e-14)
 
 
-def test_without_noise_it_is_the_state():
+def test_noiseless_reading_equals_the_state():
     still = replace(SENSOR, position_noise=0.0, velocity_noise=0.0, attitude_noise=0.0, rate_noise=0.0, speed_noise=0.0)
     z = readings(still, 3)
     for name in ("position", "velocity", "attitude", "rate", "rotor_speed"):

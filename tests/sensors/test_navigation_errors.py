@@ -44,7 +44,7 @@ def assert_spread(sample, sigma):
 
 
 @pytest.mark.parametrize("reading", ["A", "B", "C"])
-def test_spreads_are_those_of_the_closed_form(reading):
+def test_error_deviations_match_the_closed_form(reading):
     """sigma tau for the integrals, and for the yaw rate the root of the sum of squares of bias and noise."""
     sensor = NavigationErrors.reading(reading)
     tau = 0.504
@@ -58,7 +58,7 @@ def test_spreads_are_those_of_the_closed_form(reading):
     assert (abs(both - np.eye(4)) < 4.5 / np.sqrt(RUNS)).all()
 
 
-def test_readings_are_those_of_the_printed_numbers():
+def test_interpretations_match_the_published_numbers():
     """2.5 cm/s^2, 1 deg/s, 0.5 deg/s: [1] Z. Kulis, University of Maryland, 2006, section 6.1."""
     spreads = {r: NavigationErrors.reading(r) for r in "ABC"}
 
@@ -75,7 +75,7 @@ def test_readings_are_those_of_the_printed_numbers():
 
 
 @pytest.mark.thorough
-def test_errors_grow_in_proportion_to_time_and_start_again_each_second():
+def test_errors_grow_linearly_and_reset_each_second():
     times = np.arange(0, seconds(3), ms(6))
     tau = (times % seconds(1)) * 1e-7
     du, dv, dr, dpsi = errors(replace(SENSOR, gyro_noise=0.0), times, runs=3)[1].T
@@ -89,7 +89,7 @@ def test_errors_grow_in_proportion_to_time_and_start_again_each_second():
     assert (errors(SENSOR, [0, seconds(1)], runs=3)[..., [0, 1, 3]] == 0).all()
 
 
-def test_each_second_and_each_sample_are_drawn_anew():
+def test_bias_is_redrawn_each_second_and_noise_each_sample():
     times = [ms(600), ms(606), seconds(1) + ms(596)]
     found = errors(SENSOR, times)
     bias, noise = found[..., 3] / [0.6, 0.606, 0.596], found[..., 2] - found[..., 3] / [0.6, 0.606, 0.596]
@@ -99,7 +99,7 @@ def test_each_second_and_each_sample_are_drawn_anew():
 
 
 @pytest.mark.thorough
-def test_the_same_key_gives_the_same_bits_and_others_differ():
+def test_errors_are_reproducible_for_the_same_key():
     times = np.arange(1, 50) * ms(6)
     first = errors(SENSOR, times, runs=10)
     np.testing.assert_array_equal(first, errors(SENSOR, times, runs=10))
@@ -107,7 +107,7 @@ def test_the_same_key_gives_the_same_bits_and_others_differ():
         assert not np.isclose(first, other, rtol=1e-9, atol=0).any()
 
 
-def test_one_error_switched_off_leaves_the_others_as_they_were():
+def test_switching_one_error_off_leaves_the_others_unchanged():
     times = np.arange(1, 50) * ms(6)
     full = errors(SENSOR, times, runs=5)
     quiet = errors(replace(SENSOR, accelerometer_bias=0.0, gyro_bias=0.0), times, runs=5)
@@ -116,7 +116,7 @@ def test_one_error_switched_off_leaves_the_others_as_they_were():
     assert (quiet[..., [0, 1, 3]] == 0).all()
 
 
-def test_without_errors_the_truth_is_still_sampled_and_held():
+def test_ideal_sensor_keeps_its_period_and_has_zero_error():
     ideal = without(SENSOR, "navigation-error")
     assert ideal.period == ms(6)
     assert (errors(ideal, np.arange(40) * ms(6), runs=3) == 0).all()
@@ -125,7 +125,7 @@ def test_without_errors_the_truth_is_still_sampled_and_held():
 
 
 @pytest.mark.thorough
-def test_heading_is_unwrapped_or_positive():
+def test_heading_range_option_gives_positive_heading():
     sensor = replace(SENSOR, heading_range="positive")
     keys = Key(np.full(200, 1, np.uint32), np.arange(200, dtype=np.uint32))
     for heading in (9.5, -0.01, 0.01, -30.0):
@@ -138,7 +138,7 @@ def test_heading_is_unwrapped_or_positive():
     assert sensor.measure(motion()).heading == pytest.approx(9.5 - 2 * np.pi)
 
 
-def test_it_is_a_sensor_that_says_now():
+def test_samples_are_fresh_and_have_no_delay():
     assert isinstance(SENSOR, Sensor)
     state = SENSOR.init(key(3))
     after, sample = SENSOR.step(ms(12), state, motion())

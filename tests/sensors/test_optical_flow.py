@@ -27,7 +27,7 @@ def motion(height=2.0, v=O, w=O, attitude=O):
     )
 
 
-def test_the_flow_is_that_of_a_point_of_the_ground():
+def test_flow_matches_a_projected_ground_point():
     """Where the axis meets the ground, seen a moment later from where the vehicle is then."""
     v, w, attitude = np.array([1.3, -0.7, 0.4]), np.array([0.3, -0.2, 0.5]), np.array([0.2, -0.15, 0.7])
     R = np.asarray(from_euler(*attitude))
@@ -41,7 +41,7 @@ def test_the_flow_is_that_of_a_point_of_the_ground():
     np.testing.assert_allclose([seen.surge_velocity, seen.sway_velocity], v[:2], rtol=1e-12)
 
 
-def test_turning_on_the_spot_is_no_velocity():
+def test_rotation_on_the_spot_gives_zero_velocity():
     seen = IDEAL.measure(motion(w=[0.4, -0.3, 1.0]))
     np.testing.assert_allclose(seen.flow, [0.3, 0.4])
     np.testing.assert_allclose([seen.surge_velocity, seen.sway_velocity], 0.0, atol=1e-15)
@@ -51,11 +51,11 @@ def test_turning_on_the_spot_is_no_velocity():
     ("at", "usable"),
     [(motion(2.0), True), (motion(0.05), False), (motion(11.0), False), (motion(0.5, [5, 0, 0]), False)],
 )
-def test_it_says_when_it_is_out_of_its_depth(at, usable):
+def test_reports_unusable_outside_its_limits(at, usable):
     assert bool(IDEAL.measure(at).usable) == usable
 
 
-def test_errors_are_as_large_as_said():
+def test_errors_have_the_given_sizes():
     at = motion(3.0, [1.0, 0.0, 0.0])
 
     def values(sensor, seed=0):

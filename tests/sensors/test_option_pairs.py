@@ -66,7 +66,7 @@ def unit_of(options):
     return Imu(accelerometer=AccelerometerErrors(**errors), gyro=GyroErrors(**errors), **own)
 
 
-def triad_by_hand(true, o):
+def expected_triad(true, o):
     distortion = np.eye(3) + np.diag(o.get("scale_factor", 0.0) * DRAWS[3:6])
     off = iter(o.get("misalignment", 0.0) * DRAWS[6:])
     for i in range(3):
@@ -77,14 +77,14 @@ def triad_by_hand(true, o):
     return converted(distortion @ true + bias, o.get("range", 0.0), o.get("resolution", 0.0))
 
 
-def unit_by_hand(o):
+def expected_unit(o):
     R_WB, S_B = euler(*MOTION.attitude), euler(*o.get("mounting", (0, 0, 0))).T
     earth, arm = R_WB.T @ o.get("earth_rate", (0, 0, 0)), np.array(o.get("lever_arm", (0, 0, 0)))
     w, gravity = MOTION.w_WB_B, R_WB.T @ o.get("gravity", (0, 0, 9.80665))
     a = MOTION.a_WB_B + 2 * np.cross(earth, MOTION.v_WB_B) + np.cross(MOTION.alpha_WB_B, arm)
     a = a + np.cross(w, np.cross(w, arm)) - gravity
-    force, full = triad_by_hand(S_B @ a, o)
-    rate, gyro_full = triad_by_hand(S_B @ (w + earth), o)
+    force, full = expected_triad(S_B @ a, o)
+    rate, gyro_full = expected_triad(S_B @ (w + earth), o)
     return force, rate, full, gyro_full
 
 
@@ -96,10 +96,10 @@ def _unit_reading(imu):
 
 
 @pytest.mark.parametrize(("one", "other"), list(combinations(UNIT, 2)))
-def test_options_of_the_inertial_unit_in_pairs(one, other):
+def test_imu_option_pairs_match_numpy_reference(one, other):
     options = UNIT[one] | UNIT[other]
     reading = _unit_reading(to_arrays(unit_of(options)))
-    force, rate, full, gyro_full = unit_by_hand(options)
+    force, rate, full, gyro_full = expected_unit(options)
     np.testing.assert_allclose(reading.specific_force, force, atol=1e-13)
     np.testing.assert_allclose(reading.angular_rate, rate, atol=1e-13)
     assert (bool(reading.accelerometer_saturated), bool(reading.gyro_saturated)) == (full, gyro_full)
@@ -135,7 +135,7 @@ def dipole(moment, away):
     return 1e-7 * (3 * np.dot(moment, away) * away / r**2 - moment) / r**3
 
 
-def compass_by_hand(o):
+def expected_field(o):
     R_WB, S_B = euler(*MOTION.attitude), euler(*o.get("mounting", (0, 0, 0))).T
     place = np.array(o.get("position", (0, 0, 0)))
     field = R_WB.T @ (2.1e-5, -0.4e-5, 4.6e-5)
@@ -155,10 +155,10 @@ def _field_reading(sensor):
 
 
 @pytest.mark.parametrize(("one", "other"), list(combinations(COMPASS, 2)))
-def test_options_of_the_magnetometer_in_pairs(one, other):
+def test_magnetometer_option_pairs_match_numpy_reference(one, other):
     options = COMPASS[one] | COMPASS[other]
     reading = _field_reading(to_arrays(compass_of(options)))
-    field, full = compass_by_hand(options)
+    field, full = expected_field(options)
     np.testing.assert_allclose(reading.field, field, atol=1e-18)
     assert bool(reading.saturated) == full
 
@@ -194,7 +194,7 @@ ratio_of = jax.jit(range_ratio)
 speed_in = jax.jit(lambda temperature: speed_of_sound(Air(temperature=temperature)))
 
 
-def ranges_by_hand(o):
+def expected_ranges(o):
     happened = MOTION.t >= o.get("fault_time", 0)
     beacons = CEILING_SQUARE + (o.get("moved", 0.0) if happened else 0.0)
     unit = PLACE + euler(*o.get("attitude", LEVEL)) @ o.get("units", ((0, 0, 0),))[0]
@@ -209,12 +209,12 @@ def ranges_by_hand(o):
 
 
 @pytest.mark.parametrize(("one", "other"), list(combinations(RANGING, 2)))
-def test_options_of_ultrasonic_ranging_in_pairs(one, other):
+def test_ultrasonic_option_pairs_match_numpy_reference(one, other):
     options = RANGING[one] | RANGING[other]
     sensor = to_arrays(ranging_of(options))
     motion = replace(MOTION, p_WB=PLACE, attitude=np.array(options.get("attitude", LEVEL)))
     replies, _ = _replies(sensor, motion)
-    ranges, hears = ranges_by_hand(options)
+    ranges, hears = expected_ranges(options)
     np.testing.assert_array_equal(replies.arrived, hears)
     np.testing.assert_allclose(replies.range, ranges, rtol=1e-12, atol=1e-12)
 

@@ -14,7 +14,7 @@ STATE = HovercraftState(
 )  # more than a turn
 
 
-def test_it_gives_the_state_of_the_vehicle_as_it_is():
+def test_reading_equals_the_vehicle_state():
     sensor = PlanarNavigation()
     motion = Hovercraft().motion(ms(7), jax.tree.map(np.asarray, STATE), PlanarForce(1.0, 0.2))
     state, sample = sensor.step(ms(7), sensor.init(key(0)), motion)
@@ -24,7 +24,7 @@ def test_it_gives_the_state_of_the_vehicle_as_it_is():
     assert (state, sample.t, sample.age, sample.fresh, sample.valid) == ((), ms(7), 0.0, True, True)
 
 
-def test_it_is_a_sensor_without_faults():
+def test_sensor_has_no_imperfections():
     assert isinstance(PlanarNavigation(), Sensor)
     assert PlanarNavigation().period == ms(1)
     assert imperfections(PlanarNavigation()) == {}

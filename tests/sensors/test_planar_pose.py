@@ -13,7 +13,7 @@ from trimtab.sensors.planar_pose import NoisyPlanarPose, PlanarPose
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 
-def test_it_is_the_state_of_the_vehicle():
+def test_pose_equals_the_vehicle_state():
     x = HovercraftState(0.3, -0.4, 1.5, 2.0, -3.0, 7.0)
     sensor = PlanarPose()
     _, sample = sensor.step(ms(5), sensor.init(key(0)), Hovercraft().motion(ms(5), x, PlanarForce(FX=1.0, FY=0.5)))
@@ -22,14 +22,14 @@ def test_it_is_the_state_of_the_vehicle():
     assert bool(sample.valid)
 
 
-def test_it_has_no_imperfections():
+def test_pose_sensor_has_no_imperfections():
     assert isinstance(PlanarPose(), Sensor)
     assert imperfections(PlanarPose()) == {}
     assert jax.tree.leaves(PlanarPose().init(key(0))) == []
 
 
 @pytest.mark.thorough
-def test_the_noisy_one_has_noise_of_the_sizes_said_and_none_without():
+def test_noisy_pose_has_given_deviations_unless_switched_off():
     sensor, motion = NoisyPlanarPose(), Hovercraft().motion(0, HovercraftState(), PlanarForce(0.0, 0.0))
     instants = np.arange(4000) * sensor.period
     draw = jax.jit(jax.vmap(lambda t: sensor.step(t, sensor.init(key(0)), motion)[1].value))

@@ -33,7 +33,7 @@ def flown(sensor, n):
 
 
 @pytest.mark.parametrize("inward", [0.0, 0.2])
-def test_late_position_is_where_the_point_was(inward):
+def test_late_fix_gives_the_position_before_the_latency(inward):
     sensor = PositionSensor(noise=0.0, lever_arm=(0.0, inward, 0.0), timing=LateFix(latency=0.05, interval=ms(100)))
     now, out = flown(sensor, 1000)
     angle = 2.0 * (now[out.fresh] - ms(50)) * 1e-7
@@ -43,7 +43,7 @@ def test_late_position_is_where_the_point_was(inward):
 
 
 @pytest.mark.thorough
-def test_noise_of_both_coordinates_is_as_declared():
+def test_noise_of_both_coordinates_has_the_given_deviation():
     clean, noisy = (PositionSensor(noise=s, timing=LateFix(interval=ms(5))) for s in (0.0, 0.02))
     a, b = flown(clean, 20000)[1], flown(noisy, 20000)[1]
     for name in ("north", "east"):
@@ -52,7 +52,7 @@ def test_noise_of_both_coordinates_is_as_declared():
     assert (flown(without(noisy, "position-noise"), 50)[1].value.north == a.value.north[:50]).all()
 
 
-def test_encoder_gives_the_place_to_half_a_count():
+def test_encoder_position_is_accurate_to_half_a_count():
     sensor = EncoderPosition(encoder=Encoder(zero=math.pi / 2, period=ms(7)))
     now, out = flown(sensor, 400)
     angle = 2.0 * now * 1e-7

@@ -1,4 +1,4 @@
-"""The star tracker: noise by axis, what blinds it, and when it comes out."""
+"""The star tracker: noise by axis, blinding, and latency."""
 
 import jax
 import numpy as np
@@ -37,7 +37,7 @@ def rollout(sensor, key, rates):
 
 
 @pytest.mark.thorough
-def test_noise_is_small_across_the_boresight_and_large_about_it():
+def test_noise_about_the_boresight_is_ten_times_larger():
     sensor = replace(without(StarTracker(), "star-tracker-misalignment"), period=ms(200))
     seen = fly(sensor, np.zeros((3000, 3))).value.attitude[5:]
     q_BS = quaternion.from_euler(*np.asarray(sensor.mounting))
@@ -48,7 +48,7 @@ def test_noise_is_small_across_the_boresight_and_large_about_it():
 
 
 @pytest.mark.thorough
-def test_the_mounting_is_another_in_each_run_and_stays():
+def test_misalignment_is_drawn_per_run_and_constant():
     sensor = without(without(StarTracker(), "star-tracker-noise"), "star-tracker-roll-noise")
     runs = [fly(sensor, np.zeros((60, 3)), seed).value.attitude[25:] for seed in range(60)]
     assert all(np.ptp(np.asarray(r), axis=0).max() < 1e-12 for r in runs)
@@ -58,7 +58,7 @@ def test_the_mounting_is_another_in_each_run_and_stays():
 
 
 @pytest.mark.thorough
-def test_it_comes_out_late_with_the_time_it_was_measured_at():
+def test_sample_is_late_and_stamped_with_measurement_time():
     seen = fly(StarTracker(), np.zeros((100, 3)))
     fresh = np.flatnonzero(np.asarray(seen.fresh))
     np.testing.assert_array_equal(fresh * ms(10), seconds(0.1) + ms(200) * np.arange(5))
@@ -67,7 +67,7 @@ def test_it_comes_out_late_with_the_time_it_was_measured_at():
     np.testing.assert_allclose(np.asarray(prompt.age)[::20], 0.0, atol=1e-12)
 
 
-def test_a_turn_too_fast_leaves_the_last_attitude_and_says_so():
+def test_fast_turn_holds_last_attitude_and_reports_not_tracking():
     rates = np.zeros((100, 3))
     rates[30:70] = [0.0, 0.0, 3 * DEG]
     seen = fly(StarTracker(), rates)
@@ -77,7 +77,7 @@ def test_a_turn_too_fast_leaves_the_last_attitude_and_says_so():
     assert np.asarray(fly(without(StarTracker(), "star-tracker-rate-limit"), rates).value.tracking)[15:].all()
 
 
-def test_the_sun_blinds_it():
+def test_sun_within_thirty_degrees_blinds_the_tracker():
     sensor = StarTracker()
     boresight = from_euler(*ATTITUDE) @ from_euler(*np.asarray(sensor.mounting))[:, 2]
     across = np.cross(boresight, [0.0, 0.0, 1.0])
@@ -89,6 +89,6 @@ def test_the_sun_blinds_it():
 
 
 @pytest.mark.thorough
-def test_without_its_faults_it_is_the_attitude():
+def test_ideal_tracker_returns_the_true_attitude():
     seen = fly(without_any(StarTracker()), np.zeros((5, 3)))
     np.testing.assert_allclose(seen.value.attitude[0], quaternion.from_euler(*ATTITUDE), atol=1e-15)

@@ -26,7 +26,7 @@ def followed(tachometer, rates, seed=0):
     return np.asarray(jax.jit(lambda u: jax.lax.scan(one, tachometer.init(key(seed)), (jnp.arange(len(u)), u))[1])(u))
 
 
-def test_sections_are_scipys_bessel():
+def test_filter_sections_match_scipy_bessel():
     """Poles of the analogue prototype normed to -3 dB, and the digital response within 0.2 % below 25 Hz at 1 ms."""
     poles = signal.besselap(4, norm="mag")[1]
     found = sorted({(round(abs(p), 9), round(abs(p) / (-2 * p.real), 9)) for p in poles})
@@ -39,14 +39,14 @@ def test_sections_are_scipys_bessel():
     np.testing.assert_allclose(H, signal.freqs(b, a, 2 * np.pi * f)[1], atol=2e-3)
 
 
-def test_a_sine_at_the_bandwidth_comes_out_3_db_down():
+def test_gain_at_the_bandwidth_is_minus_3_db():
     t = np.arange(1500) * 1e-3
     y = followed(without(Tachometer(), "tachometer-noise"), np.sin(2 * np.pi * 5 * t))
     basis = np.stack([np.sin(2 * np.pi * 5 * t), np.cos(2 * np.pi * 5 * t)], 1)[700:]
     assert np.linalg.norm(np.linalg.lstsq(basis, y[700:], rcond=None)[0]) == pytest.approx(np.sqrt(0.5), abs=1e-3)
 
 
-def test_calibration_errors_and_noise():
+def test_scale_offset_and_noise_have_the_given_sizes():
     tachometer = Tachometer(scale_factor=0.01, offset=0.02, noise=0.05)
     assert isinstance(tachometer, Sensor)
     y = followed(tachometer, np.full(3000, 2.0), seed=4)
@@ -59,7 +59,7 @@ def test_calibration_errors_and_noise():
     np.testing.assert_allclose(followed(clean, u), u, atol=1e-15)
 
 
-def test_refusals():
+def test_rejects_wide_bandwidth_and_unknown_imperfection():
     with pytest.raises(InputError, match="too wide"):
         Tachometer(bandwidth=40.0, period=ms(10)).check()
     Tachometer().check()

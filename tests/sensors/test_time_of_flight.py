@@ -27,7 +27,7 @@ UNIT = np.array([0.3, -0.4, 0.0])
 QUIET = RangeErrors(noise=0.0)
 
 
-def test_ranges_are_those_of_the_calibration_table():
+def test_ranges_match_the_calibration_table():
     """[1] table 5.2: heights and angles give the measured ranges, within 1.2e-4 and the rounding."""
     for degrees, measured in ((10, 274.83), (20, 288.83), (30, 315.07), (35, 334.25)):
         away = 2.7048 * np.tan(np.radians(degrees))
@@ -35,12 +35,12 @@ def test_ranges_are_those_of_the_calibration_table():
         assert float(seen[0]) == pytest.approx(measured / 100, rel=1.6e-4)
 
 
-def test_reach_and_cone():
+def test_beacons_are_audible_within_reach_and_cone():
     beacons = Beacons(map=np.array([[0, 0, -9.1], [0, 0, -9.2], [2.69, 0, -2.7], [2.71, 0, -2.7], [0, 0, 2.7]]))
     np.testing.assert_array_equal(audible_beacons(beacons, beacons.map, np.zeros(3)), [True, False, True, False, False])
 
 
-def test_faults_begin_at_their_time():
+def test_beacon_faults_begin_at_fault_time():
     moved = np.zeros((4, 3))
     moved[1] = [0.5, 0, 0]
     beacons = replace(NETWORK, moved=moved, dead=np.array([False, False, False, True]), fault_time=50)
@@ -52,7 +52,7 @@ def test_faults_begin_at_their_time():
     np.testing.assert_array_equal(three_respond, [True, True, True, False])
 
 
-def test_survey_error_is_one_draw_a_run():
+def test_survey_error_is_drawn_once_per_run():
     beacons = replace(NETWORK, survey_error=0.02)
     keys = Key(np.full(3000, 5, np.uint32), np.arange(3000, dtype=np.uint32))
     error = np.asarray(jax.jit(jax.vmap(lambda k: actual_positions(beacons, k, 0)))(keys)) - NETWORK.map
@@ -71,7 +71,7 @@ def test_speed_of_sound_scales_ranges():
 
 
 @pytest.mark.thorough
-def test_errors_have_the_spread_and_the_rates_that_they_say():
+def test_noise_strays_and_echoes_have_given_size_and_rate():
     errors = RangeErrors(noise=0.004, stray_probability=0.1, stray_size=3.0, echo_probability=0.2, echo_size=1.0)
     ranges = jnp.full(4, 5.0)
 
@@ -94,7 +94,7 @@ def test_errors_have_the_spread_and_the_rates_that_they_say():
 
 
 @pytest.mark.thorough
-def test_unit_in_a_turning_vehicle():
+def test_unit_velocity_includes_vehicle_rotation():
     """Position and velocity of a unit, against differences of the position."""
     lever = np.array([0.3, 0.1, -0.2])
 
@@ -113,13 +113,13 @@ def test_unit_in_a_turning_vehicle():
     ("changes", "problem"),
     [({"map": np.zeros(3)}, "map"), ({"moved": np.zeros(3)}, "moved"), ({"dead": np.zeros(3, bool)}, "dead")],
 )
-def test_wrong_shapes_are_refused(changes, problem):
+def test_rejects_beacon_arrays_of_wrong_shape(changes, problem):
     NETWORK.check()
     with pytest.raises(InputError, match=f"Beacons.{problem}"):
         replace(NETWORK, **changes).check()
 
 
-def test_crystal_error_of_a_beacon_stays_over_the_run():
+def test_beacon_crystal_error_is_constant_over_a_run():
     ranges, ping = jnp.array([3.0, 5.0]), jax.jit(lambda n: corrupt_ranges(ranges, key(0), n, QUIET, Medium(), 1e-3))
     first, later = np.asarray(ping(0)) / ranges - 1, np.asarray(ping(7)) / ranges - 1
     np.testing.assert_allclose(later, first, rtol=1e-12)

@@ -47,7 +47,7 @@ def run():
 
 
 @pytest.mark.thorough
-def test_pings_at_slots_and_hands_out_when_the_last_reply_is_in(run):
+def test_pings_at_slots_and_delivers_after_last_reply(run):
     times, samples = run
     new = samples.fresh
     np.testing.assert_array_equal(samples.t[new], np.arange(new.sum()) * ms(100))
@@ -60,20 +60,20 @@ def test_pings_at_slots_and_hands_out_when_the_last_reply_is_in(run):
 
 
 @pytest.mark.thorough
-def test_units_take_turns(run):
+def test_units_ping_in_alternation(run):
     _, samples = run
     new = samples.fresh
     np.testing.assert_array_equal(samples.value.unit[new], np.arange(new.sum()) % 2)
 
 
 @pytest.mark.thorough
-def test_foreign_clients_have_their_slots():
+def test_slots_of_other_clients_are_left_free():
     _, samples = flown(replace(TWO, clients=10, period=ms(10)), ms(3000))
     np.testing.assert_array_equal(samples.t[samples.fresh], np.array([0, 1, 10, 11, 20, 21]) * ms(100))
 
 
 @pytest.mark.thorough
-def test_without_errors_it_measures_what_measure_says():
+def test_ideal_sample_equals_measure_at_ping_time():
     """At the time of the ping, not of the reply: the ranges that h(x) has there."""
     _, samples = flown(replace(PERFECT, collisions=False))
     assert samples.fresh.sum() >= 19
@@ -87,7 +87,7 @@ def test_without_errors_it_measures_what_measure_says():
 
 
 @pytest.mark.thorough
-def test_measure_differentiates():
+def test_measure_has_a_finite_jacobian_along_the_lines():
     slope = jax.jacfwd(lambda p: PERFECT.measure(replace(motion(0), p_WB=p)).range)(jnp.zeros(3))
     assert np.isfinite(slope).all()
     line = np.array([0.1, 0, 0]) - CEILING_SQUARE
@@ -109,7 +109,7 @@ def pings(sensor, runs=4000):
 
 
 @pytest.mark.thorough
-def test_ranges_spread_as_the_noise():
+def test_range_noise_has_the_given_deviation():
     replies, last = pings(replace(PERFECT, errors=RangeErrors(noise=0.01)))
     error = np.where(replies.arrived, replies.range - np.asarray(PERFECT.measure(motion(0)).range), np.nan)
     assert np.nanstd(error) == pytest.approx(0.01, rel=0.03)
@@ -119,7 +119,7 @@ def test_ranges_spread_as_the_noise():
 
 
 @pytest.mark.thorough
-def test_clock_shifts_the_ping_along_the_motion():
+def test_clock_error_shifts_the_ping_along_the_motion():
     """A ping 10 ms late is made 5 mm further on."""
     late = replace(PERFECT, clock=UnitClock(residual=0.0, drift=0.0, tick=0.02), collisions=False)
     replies, _ = pings(late)
@@ -131,7 +131,7 @@ def test_clock_shifts_the_ping_along_the_motion():
 
 
 @pytest.mark.thorough
-def test_clock_between_settings():
+def test_clock_error_grows_between_synchronisations():
     """A microsecond after setting; a crystal that is 20 ppm off makes 18 us by the last slot of the second."""
     clock = UnitClock(tick=0.0)
     keys = Key(np.full(4000, 2, np.uint32), np.arange(4000, dtype=np.uint32))
@@ -141,7 +141,7 @@ def test_clock_between_settings():
 
 
 @pytest.mark.thorough
-def test_no_reply_is_a_sample_too():
+def test_slot_without_replies_still_gives_a_sample():
     """All beacons dead: at the end of the slot comes a sample that says so."""
     silent = replace(ONE, beacons=Beacons(dead=True), period=ms(10))
     times, samples = flown(silent, ms(1000))
@@ -153,7 +153,7 @@ def test_no_reply_is_a_sample_too():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", imperfections(UltrasonicRanging()))
-def test_each_imperfection_alone_makes_a_difference(name):
+def test_each_imperfection_alone_changes_the_ranges(name):
     everything = replace(
         ONE,
         errors=RangeErrors(0.004, 0.3, 3.0, 0.3, 1.0),
@@ -169,7 +169,7 @@ def test_each_imperfection_alone_makes_a_difference(name):
         without(ONE, "wind")
 
 
-def test_it_is_a_sensor_and_refuses_what_cannot_be():
+def test_rejects_invalid_units_clients_and_period():
     assert isinstance(ONE, Sensor)
     ONE.check()
     TWO.check()
@@ -184,7 +184,7 @@ def test_it_is_a_sensor_and_refuses_what_cannot_be():
 
 
 @pytest.mark.thorough
-def test_runs_as_generated_code():
+def test_step_lowers_to_generated_c():
     """Sensors fly in the compiled loop: one step lowers to C."""
     one = to_arrays(UltrasonicRanging())
     still = Motion(np.int64(0), *[np.zeros(3)] * 6)

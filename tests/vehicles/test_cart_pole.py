@@ -1,4 +1,4 @@
-"""Cart and pole: Barto's equation, what is conserved, small swings, and a motion that fits the state."""
+"""Cart and pole: Barto's equation, conserved quantities, small oscillations, and the motion."""
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ STATES = [CartPoleState(*RNG.normal(0, 2, 4)) for _ in range(20)]
 
 
 @pytest.mark.parametrize("x", STATES[:6])
-def test_the_accelerations_are_bartos(x):
+def test_accelerations_match_bartos_equations(x):
     """[1], appendix, its equations as printed, without friction."""
     F, m, M, l, g = 7.0, 0.1, 1.0, 0.5, 9.8
     s, c, w = np.sin(x.angle), np.cos(x.angle), x.angle_rate
@@ -26,7 +26,7 @@ def test_the_accelerations_are_bartos(x):
 
 
 @pytest.mark.parametrize("x", STATES[:6])
-def test_the_force_is_the_inverse_of_the_dynamics(x):
+def test_force_inverts_the_dynamics(x):
     d = POLE.dynamics(0.0, x, CartForce(POLE.force(x, 2.5)))
     assert float(d.speed) == pytest.approx(2.5, rel=1e-12)
 
@@ -46,14 +46,14 @@ def fly(x, n, h=1e-3, force=0.0):
     return x
 
 
-def test_energy_is_conserved_and_a_force_does_its_work():
+def test_energy_changes_only_by_the_work_done():
     start = CartPoleState(0.0, 0.3, 2.0, 1.0)
     assert total_energy(fly(start, 2000)) == pytest.approx(total_energy(start), abs=1e-10)
     end = fly(start, 500, force=3.0)
     assert total_energy(end) - total_energy(start) == pytest.approx(3.0 * float(end.position), abs=1e-9)
 
 
-def test_it_hangs_and_swings_as_a_pendulum_on_a_free_cart_does():
+def test_hanging_pole_has_the_pendulum_period():
     """w^2 = (3 g/4 l)/(1 - 3/4 m/(M + m)) about hanging; a quarter of a period from rest."""
     w = np.sqrt(3 * 9.8 / (4 * 0.5) / (1 - 0.75 * 0.1 / 1.1))
     h = np.pi / (2 * w) / 1000
@@ -65,15 +65,15 @@ def test_it_hangs_and_swings_as_a_pendulum_on_a_free_cart_does():
 
 
 @pytest.mark.parametrize("x", STATES[:3])
-def test_the_energy_of_the_pole_changes_as_the_hinge_accelerates(x):
-    """E' = -m l a q' cos q: what energy control stands on."""
+def test_pole_energy_rate_matches_hinge_acceleration(x):
+    """E' = -m l a q' cos q, the basis of energy control."""
     a = 1.7
     rate = CartPoleState(x.speed, a, x.angle_rate, POLE.angle_acceleration(x, a))
     _, slope = jax.jvp(POLE.energy, (jax.tree.map(jnp.asarray, x),), (jax.tree.map(jnp.asarray, rate),))
     assert float(slope) == pytest.approx(-0.1 * 0.5 * a * x.angle_rate * np.cos(x.angle), rel=1e-12)
 
 
-def test_what_a_sensor_feels_is_the_derivative_of_where_it_is():
+def test_motion_is_consistent_with_the_dynamics():
     x = STATES[3]
     m = POLE.motion(0, x, CartForce(4.0))
     q = -m.attitude[1]

@@ -1,4 +1,4 @@
-"""A body on a closed path: every derivative is one, nothing slips, a lap ends where it began."""
+"""A body on a closed path: consistent derivatives, no sideslip, closed laps."""
 
 import jax
 import jax.numpy as jnp
@@ -50,7 +50,7 @@ def test_velocity_acceleration_and_rates_are_derivatives(angle):
 
 
 @pytest.mark.parametrize("angle", ANGLES[:-1])
-def test_it_flies_forward_and_nothing_slips(angle):
+def test_flight_is_forward_without_sideslip_or_side_force(angle):
     """Velocity along x, no force across the wings, lift upwards."""
     m = motion(angle)
     v = np.asarray(m.v_WB_B)
@@ -61,7 +61,7 @@ def test_it_flies_forward_and_nothing_slips(angle):
     assert felt[2] < -5
 
 
-def test_a_lap_ends_where_it_began_and_yaw_never_jumps():
+def test_lap_closes_and_yaw_is_continuous():
     first, last = motion(ANGLES[0]), motion(ANGLES[-1])
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-12), first, last)
     yaw = [float(motion(a).attitude[2]) for a in np.linspace(0, 2 * np.pi, 400)]
@@ -69,7 +69,7 @@ def test_a_lap_ends_where_it_began_and_yaw_never_jumps():
 
 
 @pytest.mark.thorough
-def test_what_is_integrated_along_stays_with_the_motion():
+def test_integrated_state_matches_the_motion():
     """A lap and a half in steps of 5 ms, the rate changed on the way: position, velocity, attitude are the motion's."""
     x, h = PATH.at(0.3, RATE), 0.005
 
@@ -89,7 +89,7 @@ def test_what_is_integrated_along_stays_with_the_motion():
 
 
 @pytest.mark.thorough
-def test_acceleration_follows_the_rate_on_the_way_to_its_command():
+def test_acceleration_includes_the_rate_change():
     """Above the commanded rate it slows down, along its path."""
     slower = np.asarray(motion(1.0, RATE, 0.5 * RATE).a_WB_B) - np.asarray(motion(1.0).a_WB_B)
     assert slower[0] < -1

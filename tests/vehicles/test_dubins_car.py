@@ -1,4 +1,4 @@
-"""Dubins' car: circles, its limit, and a motion that fits the state."""
+"""Dubins' car: circles, the turn-rate limit, and the motion."""
 
 import jax
 import numpy as np
@@ -20,7 +20,7 @@ def drive(x, turn_rate, seconds, n=400):
 
 
 @pytest.mark.parametrize("turn_rate", [0.4, -0.9, MOST])
-def test_at_one_turn_rate_it_goes_round_a_circle(turn_rate):
+def test_constant_turn_rate_gives_a_circle(turn_rate):
     """Half a turn: across by the diameter, to the right for a positive rate; a whole one: back."""
     start = DubinsCarState(2.0, -1.0, 0.7)
     half = drive(start, turn_rate, np.pi / abs(turn_rate))
@@ -31,19 +31,19 @@ def test_at_one_turn_rate_it_goes_round_a_circle(turn_rate):
     assert float(back.heading) == pytest.approx(0.7 + np.sign(turn_rate) * 2 * np.pi)
 
 
-def test_straight_ahead_it_goes_as_far_as_its_speed_says():
+def test_zero_turn_rate_gives_a_straight_line():
     end = drive(DubinsCarState(0.0, 0.0, 2.0), 0.0, 3.0)
     assert [end.north, end.east, end.heading] == pytest.approx([3.9 * np.cos(2.0), 3.9 * np.sin(2.0), 2.0])
 
 
 @pytest.mark.parametrize("told", [-9.0, -1.7, 1.7, 9.0])
-def test_it_turns_no_more_tightly_than_on_its_circle(told):
+def test_turn_rate_is_limited_by_minimum_radius(told):
     rate = CAR.dynamics(0.0, DubinsCarState(), CarTurn(told))
     assert float(rate.heading) == pytest.approx(np.sign(told) * MOST)
 
 
 @pytest.mark.parametrize("turn_rate", [-0.6, 0.0, 5.0])
-def test_what_a_sensor_feels_is_the_derivative_of_where_it_is(turn_rate):
+def test_motion_is_the_derivative_of_the_position(turn_rate):
     x, u, h = DubinsCarState(1.0, 2.0, 2.4), CarTurn(turn_rate), 1e-4
     m = CAR.motion(0, x, u)
     R = np.array([[np.cos(2.4), -np.sin(2.4)], [np.sin(2.4), np.cos(2.4)]])

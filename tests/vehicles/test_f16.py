@@ -1,4 +1,4 @@
-"""The F-16: its tables, what its signs mean, and its trim beside what is published of it."""
+"""The F-16: its tables, its signs, and its trim against published values."""
 
 import jax
 import jax.numpy as jnp
@@ -24,7 +24,7 @@ def flow_at(alpha, beta, rate=(0.0, 0.0, 0.0), speed=172.0):
     return Airflow(jnp.asarray(speed * way), speed, jnp.asarray(rate), standard_atmosphere(3000.0))
 
 
-def test_tables_are_interpolated_as_scipy_does_and_held_at_their_ends():
+def test_table_interpolation_matches_scipy_and_holds_end_values():
     theirs = RegularGridInterpolator((ELEVATOR, ALPHA), CM)
     for y, x in np.random.default_rng(1).uniform([-30, -15], [30, 50], (50, 2)):
         inside = np.clip(y, -24, 24), np.clip(x, -10, 45)
@@ -32,19 +32,19 @@ def test_tables_are_interpolated_as_scipy_does_and_held_at_their_ends():
         np.testing.assert_allclose(ours, theirs(inside).item(), atol=1e-15)
 
 
-def test_angles_of_the_flow():
+def test_flow_angles_match_and_are_finite_at_rest():
     np.testing.assert_allclose(flow_angles(flow_at(0.2, -0.1)), (0.2, -0.1), atol=1e-15)
     assert np.isfinite(flow_angles(flow_at(0.0, 0.0, speed=0.0))).all()
 
 
-def test_left_and_right_are_mirrored():
+def test_coefficients_are_symmetric_left_to_right():
     """But for the tables of the ailerons and the rudder over sideslip, which are as the wind tunnel had them."""
     one = np.asarray(coefficients(flow_at(0.1, 0.15, rate=(0.2, 0.1, -0.05)), CENTRED))
     other = np.asarray(coefficients(flow_at(0.1, -0.15, rate=(-0.2, 0.1, 0.05)), CENTRED))
     np.testing.assert_allclose(other, one * np.array([1, -1, 1, -1, 1, -1]), atol=1e-15)
 
 
-def test_surfaces_do_what_their_signs_say():
+def test_control_surfaces_have_the_correct_signs():
     base = np.asarray(coefficients(flow_at(0.05, 0.0), CENTRED))
 
     def change(**moved):
@@ -64,13 +64,13 @@ def test_surfaces_do_what_their_signs_say():
     ("throttle", "mach", "altitude", "pounds"),
     [(0.0, 0.0, 0.0, 1060.0), (0.5, 0.0, 0.0, 12680.0), (1.0, 0.0, 0.0, 20000.0), (0.25, 0.0, 0.0, 6870.0)],
 )
-def test_thrust_at_the_tables_corner(throttle, mach, altitude, pounds):
+def test_thrust_matches_the_engine_table(throttle, mach, altitude, pounds):
     """F16_prop.dml: idle, military, full, and half of the dry range."""
     assert float(engine_thrust(throttle, mach, altitude * FOOT)) == pytest.approx(pounds * POUND_FORCE, rel=1e-12)
 
 
 @pytest.mark.parametrize(("throttle", "mach"), [(0.1, 0.45), (0.9, 0.7)])
-def test_thrust_has_one_slope_by_altitude_at_sea_level(throttle, mach):
+def test_thrust_slope_is_continuous_at_sea_level(throttle, mach):
     """The book's program extrapolates its table below sea level, so a linear model exists there."""
     above, here, below = (float(engine_thrust(throttle, mach, h)) for h in (300.0, 0.0, -300.0))
     assert above != here
@@ -78,7 +78,7 @@ def test_thrust_has_one_slope_by_altitude_at_sea_level(throttle, mach):
 
 
 @pytest.mark.thorough
-def test_it_flies_level_where_nasas_simulations_do():
+def test_level_trim_matches_nasa_simulations():
     """Pitch, elevator, throttle of the trim: README of NASA's F-16 package, table 11, with a constant gravitation."""
     level = trim(KITTY_HAWK, NORTH_EAST)
     assert level.pitch / DEG == pytest.approx(2.6538, abs=0.02)
@@ -88,7 +88,7 @@ def test_it_flies_level_where_nasas_simulations_do():
     np.testing.assert_allclose(d.rate[1], 0, atol=1e-9)
 
 
-def test_moments_are_about_the_centre_of_mass():
+def test_moments_account_for_the_centre_of_mass():
     """Ten per cent of the chord ahead of the reference: what lifts there pitches the nose down."""
     flow = flow_at(0.05, 0.02)
     here, there = (replace(JET, centre=c).air_wrench(flow, CENTRED) for c in (0.25, 0.35))
@@ -98,7 +98,7 @@ def test_moments_are_about_the_centre_of_mass():
 
 
 @pytest.mark.thorough
-def test_slopes_at_no_sideslip_are_those_beside_it():
+def test_derivatives_are_continuous_at_zero_sideslip():
     """Of roll and yaw over sideslip, by automatic differentiation where the tables are mirrored."""
 
     def moments(beta):

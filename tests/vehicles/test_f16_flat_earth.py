@@ -23,7 +23,7 @@ def velocity_over_ground(x):
 
 
 @pytest.mark.thorough
-def test_acceleration_is_the_change_of_velocity():
+def test_motion_acceleration_is_the_derivative_of_velocity():
     """Of the motion, against the derivative of the state through every angle."""
     rate = CRAFT.dynamics(0.0, SOME, CONTROLS)
     change = jax.jvp(velocity_over_ground, (SOME,), (jax.tree.map(jnp.asarray, rate),))[1]
@@ -33,7 +33,7 @@ def test_acceleration_is_the_change_of_velocity():
 
 
 @pytest.mark.thorough
-def test_angles_turn_as_the_body_does():
+def test_euler_angle_rates_match_body_rates():
     """R' = R [w]×, by the derivative of the Euler angles."""
     rate = CRAFT.dynamics(0.0, SOME, CONTROLS)
     angles, change = (jnp.stack([r.roll, r.pitch, r.yaw]) for r in (SOME, rate))
@@ -44,7 +44,7 @@ def test_angles_turn_as_the_body_does():
 
 
 @pytest.mark.thorough
-def test_momentum_obeys_euler():
+def test_angular_momentum_obeys_eulers_equation():
     """J w' + w × (J w + h) is the moment, with a matrix that the vehicle does not build."""
     loads = CRAFT.loads(SOME, CONTROLS)
     x, y, z = CRAFT.inertia
@@ -54,7 +54,7 @@ def test_momentum_obeys_euler():
     np.testing.assert_allclose(J @ loads.turn + np.cross(w, h), loads.wrench.moment, rtol=1e-12)
 
 
-def test_falling_without_air_gains_what_it_loses():
+def test_energy_is_conserved_without_air():
     """So high that the formula has no air left, and with idle power at its least: energy stays."""
     craft = replace(CRAFT, engine_momentum=0.0)
     x = replace(SOME, altitude=1 / 0.703e-5 * FOOT * (1 - 1e-9))
@@ -67,7 +67,7 @@ def test_falling_without_air_gains_what_it_loses():
 
 @pytest.mark.parametrize("power", [0.0, 0.2, 0.45, 0.5, 0.8, 1.0])
 @pytest.mark.parametrize("wanted", [0.0, 0.1, 0.3, 0.49, 0.5, 0.7, 1.0])
-def test_power_follows_as_the_program_branches(power, wanted):
+def test_power_rate_matches_the_published_program(power, wanted):
     """In per cent and by plain branches, as [1] prints PDOT and RTAU."""
     p, w = 100 * power, 100 * wanted
 
@@ -79,13 +79,13 @@ def test_power_follows_as_the_program_branches(power, wanted):
     np.testing.assert_allclose(100 * power_rate(power, wanted), rate, atol=1e-12)
 
 
-def test_throttle_asks_for_power():
+def test_throttle_to_power_map_matches_tgear():
     """[1], TGEAR: 64.94 u, and 217.38 u - 117.38 beyond the knee, which meet there."""
     np.testing.assert_allclose([engine_command(u) for u in (0.0, 0.5, 1.0)], [0.0, 0.3247, 1.0], atol=1e-12)
     assert abs(float(engine_command(0.77)) - float(engine_command(0.7700001))) < 2e-5
 
 
-def test_air_is_the_book_s():
+def test_atmosphere_matches_the_textbook():
     """Sea level as printed; at 35 000 ft the temperature stands still at 390 Rankine."""
     sea, high, higher = (air_data(h * FOOT) for h in (0.0, 35_000.0, 45_000.0))
     np.testing.assert_allclose(sea.density / (SLUG / FOOT**3), 2.377e-3, rtol=1e-12)
@@ -95,7 +95,7 @@ def test_air_is_the_book_s():
 
 
 @pytest.mark.thorough
-def test_left_and_right_fly_mirrored():
+def test_mirrored_initial_states_fly_mirrored():
     """Without the turning engine, surfaces and sideslip's own tables: a second of flight."""
     craft = replace(CRAFT, engine_momentum=0.0)
 
@@ -114,6 +114,6 @@ def test_left_and_right_fly_mirrored():
         np.testing.assert_allclose(getattr(other, name), getattr(one, name), rtol=1e-12)
 
 
-def test_an_inertia_of_no_body_is_refused():
+def test_rejects_physically_impossible_inertia():
     with pytest.raises(InputError, match="are not possible for a body"):
         replace(CRAFT, inertia=np.array([1.0, 1.0, 3.0])).check()

@@ -1,4 +1,4 @@
-"""The hovercraft with fixed fans: its forces by hand, its rest, its motion, and its numbers from a flight."""
+"""The hovercraft with fixed fans: forces against analytical values, damping, and identification from a flight."""
 
 import jax
 import numpy as np
@@ -21,23 +21,23 @@ from trimtab.vehicles.hovercraft import HovercraftState
 CRAFT = FixedFanHovercraft()
 
 
-def test_two_fans_push_and_turn() -> None:
+def test_two_fans_give_thrust_and_yaw_moment() -> None:
     X, Y, N = CRAFT.wrench(FanThrottles(throttle=np.array([1.0, 0.5])))
     np.testing.assert_allclose([X, Y, N], [0.8 + 0.25, 0.0, 0.1 * 0.8 - 0.1 * 0.25], rtol=1e-12)
 
 
-def test_a_fan_across_pushes_sideways_and_turns() -> None:
+def test_transverse_fan_gives_side_force_and_yaw_moment() -> None:
     fan = replace(CRAFT, fan_direction=np.array([np.pi / 2, 0.0]))
     X, Y, N = fan.wrench(FanThrottles(throttle=np.array([1.0, 0.0])))
     np.testing.assert_allclose([X, Y, N], [0.0, 0.8, -0.2 * 0.8], atol=1e-12)
 
 
-def test_throttles_beyond_their_ends_are_the_ends() -> None:
+def test_throttles_are_clipped_to_their_range() -> None:
     beyond, ends = (CRAFT.wrench(FanThrottles(throttle=np.array(c))) for c in ([2.0, -1.0], [1.0, 0.0]))
     np.testing.assert_array_equal(beyond, ends)
 
 
-def test_damping_takes_energy() -> None:
+def test_damping_dissipates_energy() -> None:
     rest = FanThrottles(throttle=np.zeros(2))
     for seed in range(20):
         s, w, r = np.random.default_rng(seed).uniform(-2, 2, 3)
@@ -47,13 +47,13 @@ def test_damping_takes_energy() -> None:
         assert power < 0
 
 
-def test_fans_without_a_curve_are_refused() -> None:
+def test_rejects_thrust_curves_of_wrong_length() -> None:
     with pytest.raises(InputError, match="thrust_linear"):
         replace(CRAFT, thrust_linear=np.ones(3)).check()
 
 
 @pytest.mark.thorough
-def test_its_numbers_come_from_a_flight() -> None:
+def test_identification_recovers_the_vehicle_parameters() -> None:
     """Thrust of either fan, damping and inertia, from half a minute of pose at 50 Hz under changing throttles."""
     true = replace(CRAFT, inertia=0.05, thrust_quadratic=np.array([0.6, 0.45]), yaw_damping=0.03)
     g, n = np.random.default_rng(0), 1500

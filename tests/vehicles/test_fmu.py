@@ -1,4 +1,4 @@
-"""FMUs as vehicles: the Reference-FMUs as fmpy flies them and as their makers publish it, and one flown by a law."""
+"""FMUs as vehicles: the Reference-FMUs against fmpy and against published output, and an FMU in closed loop."""
 
 import threading
 import zipfile
@@ -43,7 +43,7 @@ BOTH = [b if b in HERE else pytest.param(*b, marks=pytest.mark.thorough) for b i
 
 @pytest.mark.thorough("Dahlquist-3")
 @pytest.mark.parametrize(("name", "version"), BOTH)
-def test_it_flies_as_fmpy_flies_it(name, version, tmp_path):
+def test_simulation_matches_fmpy_bit_for_bit(name, version, tmp_path):
     file = build_reference(name, version, tmp_path)
     scenario = build(str(file), TRUST)
     step = scenario.world.max_step
@@ -62,7 +62,7 @@ def test_it_flies_as_fmpy_flies_it(name, version, tmp_path):
     "name",
     ["Dahlquist", *(pytest.param(n, marks=pytest.mark.thorough) for n in ("VanDerPol", "BouncingBall", "Stair"))],
 )
-def test_it_flies_as_its_makers_publish(name, tmp_path):
+def test_simulation_matches_published_reference_output(name, tmp_path):
     header, *rows = reference_rows(name)
     table = np.array([[float(x) for x in row.split(",")] for row in rows])
     file = build_reference(name, 3, tmp_path)
@@ -75,7 +75,7 @@ def test_it_flies_as_its_makers_publish(name, tmp_path):
 
 
 @pytest.mark.thorough
-def test_its_description_makes_the_signals(tmp_path):
+def test_model_description_defines_signals_and_motion(tmp_path):
     file = build_reference("BouncingBall", 3, tmp_path)
     vehicle = load(file, motion_of={"p_WB[2]": "h", "v_WB_B[2]": "v"})
     log_names = [s.name for s in read_interface(str(file)).outputs]
@@ -88,7 +88,7 @@ def test_its_description_makes_the_signals(tmp_path):
 
 
 @pytest.mark.thorough
-def test_parameters_and_inputs_reach_it(tmp_path):
+def test_parameters_and_inputs_reach_the_fmu(tmp_path):
     ball = build_reference("BouncingBall", 3, tmp_path)
     scenario = build(str(ball), TRUST)
     free = replace(scenario, world=replace(scenario.world, vehicle=load(ball, trust_code=True, settings={"g": -1.0})))
@@ -147,7 +147,7 @@ def flown_fmu(folder, duration):
 
 
 @pytest.mark.thorough
-def test_a_law_flies_it_to_the_same_bits_as_its_own_vehicle(tmp_path):
+def test_closed_loop_with_fmu_is_bit_identical(tmp_path):
     own, flown = flown_fmu(tmp_path, 4)
     ours, log = simulate(own, log_period=ms(10), backend="c"), simulate(flown, log_period=ms(10))
     for n in NAMES:
@@ -156,7 +156,7 @@ def test_a_law_flies_it_to_the_same_bits_as_its_own_vehicle(tmp_path):
 
 
 @pytest.mark.real_time
-def test_it_is_flown_over_a_line_in_step(tmp_path):
+def test_lockstep_flight_matches_simulation(tmp_path):
     _, flown = flown_fmu(tmp_path, 1)
     key, name = passphrase_key("correct-horse-battery-staple"), f"loopback://{tmp_path.name}"
     vehicle = LockstepVehicle(flown, lambda d: Endpoint(d, 1, 1, key))
@@ -191,7 +191,7 @@ def line(tmp_path):
 
 
 @pytest.mark.real_time
-def test_what_is_measured_of_its_steps_is_undone(tmp_path):
+def test_measuring_step_time_leaves_the_state_unchanged(tmp_path):
     world = SteppedWorld(build(str(build_reference("VanDerPol", 3, tmp_path)), TRUST))
     assert 0 < world.measure_steps(ms(10)) < 0.1
     for first in (True, False):
@@ -201,14 +201,14 @@ def test_what_is_measured_of_its_steps_is_undone(tmp_path):
 
 
 @pytest.mark.real_time
-def test_by_a_clock_a_step_must_take_less_than_half_of_its_time(tmp_path, line):
+def test_rejects_fmu_too_slow_for_real_time(tmp_path, line):
     file = build_reference("VanDerPol", 3, tmp_path)
     with pytest.raises(InputError, match=r"a step of the FMU takes .* ms here, too long for a step every 0.01 ms"):
         live_vehicle(file, tmp_path, line, **{"world.max_step": "10 us"})
 
 
 @pytest.mark.real_time
-def test_one_that_refuses_a_step_in_flight_ends_it_as_a_problem(tmp_path, line, monkeypatch):
+def test_failed_step_ends_the_flight_with_a_problem(tmp_path, line, monkeypatch):
     live = live_vehicle(build_reference("VanDerPol", 3, tmp_path), tmp_path, line)
     live.release_time = 0  # as if it had been armed
 
@@ -222,8 +222,8 @@ def test_one_that_refuses_a_step_in_flight_ends_it_as_a_problem(tmp_path, line, 
 
 
 @pytest.mark.real_time
-def test_it_is_flown_by_a_clock_signed_by_a_key_of_its_own_name(tmp_path):
-    """As its own maker's steps have it, from where it was let go on: VanDerPol has no input to differ by."""
+def test_real_time_flight_is_signed_and_matches_simulation(tmp_path):
+    """From its release on, the log equals the simulation step by step; VanDerPol has no inputs."""
     file = build_reference("VanDerPol", 3, tmp_path)
     place, settings = f"udp://127.0.0.1:{free_port()}", ("--set", "trust_code=yes", "--no-real-time", "--duration", "2")
     there, here = fly_pair(tmp_path, str(file), place, place, *settings)
@@ -239,7 +239,7 @@ def test_it_is_flown_by_a_clock_signed_by_a_key_of_its_own_name(tmp_path):
         assert np.array_equal(log[f"truth.{name}"][rows], simulated[f"truth.{name}"][1:151])
 
 
-def test_code_that_nobody_vouches_for_is_not_run(tmp_path, monkeypatch):
+def test_untrusted_fmu_code_is_not_run(tmp_path, monkeypatch):
     monkeypatch.setattr(fmpy, "instantiate_fmu", lambda *_, **__: pytest.fail("it was loaded"))
     file = build_reference("Dahlquist", 3, tmp_path)
     assert read_interface(str(file)).outputs[0].name == "x"  # its description is data
@@ -249,7 +249,7 @@ def test_code_that_nobody_vouches_for_is_not_run(tmp_path, monkeypatch):
         simulate(replace(build(str(file), TRUST), world=replace(build(str(file), TRUST).world, vehicle=load(file))))
 
 
-def test_what_would_have_to_compile_it_refuses(tmp_path):
+def test_compiling_an_fmu_scenario_is_rejected(tmp_path):
     scenario = build(str(build_reference("Dahlquist", 3, tmp_path)), TRUST)
     with pytest.raises(InputError, match="use trimtab run, vehicle or fly, which step an FMU"):
         compile_scenario(scenario)
@@ -257,7 +257,7 @@ def test_what_would_have_to_compile_it_refuses(tmp_path):
 
 @pytest.mark.thorough("trim {}", "design {} --lqr", "firmware {} --out board")
 @pytest.mark.parametrize("line", ["trim {}", "linearise {}", "design {} --lqr", "firmware {} --out board"])
-def test_verbs_that_need_its_equations_say_so_and_leave_nothing(line, tmp_path, monkeypatch):
+def test_commands_needing_equations_fail_without_side_effects(line, tmp_path, monkeypatch):
     monkeypatch.setenv("TRIMTAB_CONFIG", str(tmp_path / "config"))
     monkeypatch.chdir(tmp_path)
     file = build_reference("BouncingBall", 3, tmp_path)
@@ -268,7 +268,7 @@ def test_verbs_that_need_its_equations_say_so_and_leave_nothing(line, tmp_path, 
     assert not (tmp_path / "board").exists()
 
 
-def test_what_is_no_fmu_is_refused(tmp_path):
+def test_rejects_invalid_fmu_files_and_names(tmp_path):
     (tmp_path / "x.fmu").write_text("nothing")
     with pytest.raises(InputError, match="can't be read as an FMU"):
         build(str(tmp_path / "x.fmu"), TRUST)

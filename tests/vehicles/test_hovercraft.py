@@ -43,14 +43,14 @@ def _textbook(t, y, m, J, d, FX, FY):
     return np.array([PY * Pi / J + FX, -PX * Pi / J + FY, -d * FY, *(B @ [PX / m, PY / m]), Pi / J])
 
 
-def test_parameters_are_the_sources():
+def test_default_parameters_match_the_thesis():
     craft = Hovercraft()
     assert (craft.mass, craft.inertia, craft.arm) == (2.6, 0.096, 0.32)
     assert craft.arm**2 * craft.mass == pytest.approx(0.26624)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_dynamics_are_the_printed_equations_in_velocities(seed):
+def test_dynamics_match_the_published_equations(seed):
     rng = np.random.default_rng(seed)
     m, J, d = rng.uniform(0.5, 3, 3)
     x = HovercraftState(*rng.normal(size=6))
@@ -60,7 +60,7 @@ def test_dynamics_are_the_printed_equations_in_velocities(seed):
     np.testing.assert_allclose(got * scale, _textbook(0.0, _row(x) * scale, m, J, d, FX, FY), rtol=1e-13, atol=1e-15)
 
 
-def test_trajectory_agrees_with_an_independent_integrator():
+def test_trajectory_matches_an_independent_integrator():
     from scipy.integrate import solve_ivp
 
     craft, u = Hovercraft(), PlanarForce(0.8, -0.2)
@@ -72,7 +72,7 @@ def test_trajectory_agrees_with_an_independent_integrator():
     np.testing.assert_allclose(got, truth.y[:, -1] / scale, rtol=1e-9, atol=1e-9)
 
 
-def test_energy_is_conserved_without_force_to_the_integration_error():
+def test_unforced_energy_drift_is_of_integration_order():
     """Fourth order: sixteenth of the energy drift or better for half the step, and tiny at 1 ms."""
     craft = Hovercraft()
     start = float(craft.energy(TUMBLING))
@@ -82,7 +82,7 @@ def test_energy_is_conserved_without_force_to_the_integration_error():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_energy_rate_is_the_power_of_the_force_at_the_rudder_pivot(seed):
+def test_energy_rate_equals_power_at_the_rudder_pivot(seed):
     """dE/dt = F . (velocity of the point (-d, 0)) = FX u + FY (v - d r)."""
     rng = np.random.default_rng(seed)
     craft, x, u = Hovercraft(), HovercraftState(*rng.normal(size=6)), PlanarForce(*rng.normal(size=2))
@@ -94,18 +94,18 @@ def test_energy_rate_is_the_power_of_the_force_at_the_rudder_pivot(seed):
 @pytest.mark.parametrize(
     "velocities", [(0, 0, 0), (0.4, -0.3, 0), (0, 0, 2.0)], ids=["rest", "translation", "rotation"]
 )
-def test_unforced_equilibria_of_the_reduced_dynamics(velocities):
+def test_rest_translation_and_rotation_are_unforced_equilibria(velocities):
     """[1] section 2.1: (0,0,0), (c1,c2,0), (0,0,c) and no other."""
     x = HovercraftState(*map(float, velocities), heading=0.7)
     assert (_row(Hovercraft().dynamics(0.0, x, NO_FORCE))[:3] == 0).all()
 
 
-def test_translation_with_rotation_is_no_equilibrium():
+def test_translation_with_rotation_is_not_an_equilibrium():
     x = HovercraftState(0.4, -0.3, 2.0)
     assert np.abs(_row(Hovercraft().dynamics(0.0, x, NO_FORCE))[:2]).min() > 0.5
 
 
-def test_equilibria_of_the_full_dynamics_are_rest_anywhere():
+def test_only_rest_is_an_equilibrium_of_full_dynamics():
     """[1] section 2.1: (0, 0, 0, c1, c2, c3)."""
     rest = HovercraftState(north=3.0, east=-4.0, heading=1.0)
     assert (_row(Hovercraft().dynamics(0.0, rest, NO_FORCE)) == 0).all()
@@ -113,7 +113,7 @@ def test_equilibria_of_the_full_dynamics_are_rest_anywhere():
     assert np.abs(_row(Hovercraft().dynamics(0.0, moving, NO_FORCE))).max() > 0.1
 
 
-def test_signs():
+def test_forces_and_heading_have_the_correct_signs():
     """Thrust ahead speeds up; a force to starboard at the tail slides to starboard and turns the nose to port."""
     craft, rest = Hovercraft(), HovercraftState()
     ahead = craft.dynamics(0.0, rest, PlanarForce(1.0, 0.0))
@@ -127,7 +127,7 @@ def test_signs():
 
 
 @pytest.mark.parametrize("friction", [None, FRICTION], ids=["frictionless", "friction"])
-def test_motion_accelerations_are_the_second_differences_of_the_path(friction):
+def test_motion_accelerations_match_second_differences(friction):
     """Oracle: central differences of the inertial velocity and of the yaw rate along an integrated path."""
     craft, u, h = Hovercraft(friction=friction), PlanarForce(0.9, 0.4), 1e-4
     before, after = _run(craft, TUMBLING, u, -h, 1), _run(craft, TUMBLING, u, h, 1)
@@ -145,7 +145,7 @@ def test_motion_accelerations_are_the_second_differences_of_the_path(friction):
     np.testing.assert_allclose(planar(TUMBLING.heading) @ motion.v_WB_B[:2], path, rtol=1e-6)
 
 
-def test_motion_repeats_the_state_and_stays_in_the_plane():
+def test_motion_equals_the_state_and_is_planar():
     motion = Hovercraft().motion(ms(5), to_arrays(TUMBLING), to_arrays(PlanarForce(1.0, 2.0)))
     assert motion.t == ms(5)
     np.testing.assert_array_equal(motion.p_WB, [1.0, -2.0, 0.0])
@@ -159,7 +159,7 @@ def test_motion_repeats_the_state_and_stays_in_the_plane():
 @pytest.mark.parametrize(
     "velocities", [(0.3, -0.4, 2.0), (-1.0, 0.0, -0.5), (0.001, 0.002, 0.003), (0, 0, 1), (1, 0, 0)]
 )
-def test_friction_is_its_formula_and_dissipates(velocities):
+def test_friction_matches_its_formula_and_dissipates(velocities):
     u, v, r = map(float, velocities)
     f = FRICTION
     speed = np.hypot(u, v)
@@ -171,7 +171,7 @@ def test_friction_is_its_formula_and_dissipates(velocities):
     assert wrench @ [u, v, r] < 0
 
 
-def test_friction_alone_takes_energy_at_its_own_rate():
+def test_energy_loss_rate_equals_friction_power():
     craft = Hovercraft(friction=FRICTION)
     rate = jax.jvp(craft.energy, (TUMBLING,), (craft.dynamics(0.0, TUMBLING, NO_FORCE),))[1]
     velocities = _row(TUMBLING)[:3]
@@ -181,7 +181,7 @@ def test_friction_alone_takes_energy_at_its_own_rate():
     assert energies[-1] < 0.5 * energies[0]
 
 
-def test_friction_of_zeros_is_no_friction():
+def test_zero_friction_coefficients_equal_no_friction():
     u = PlanarForce(0.3, 0.1)
     with_zeros = _row(Hovercraft(friction=Friction()).dynamics(0.0, TUMBLING, u))
     np.testing.assert_array_equal(with_zeros, _row(Hovercraft().dynamics(0.0, TUMBLING, u)))
@@ -189,7 +189,7 @@ def test_friction_of_zeros_is_no_friction():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("x", [HovercraftState(), TUMBLING], ids=["rest", "tumbling"])
-def test_differentiates_at_rest_and_in_motion(x):
+def test_jacobians_are_finite_at_rest_and_in_motion(x):
     craft = to_arrays(Hovercraft(friction=FRICTION))
     x, u = to_arrays(x), to_arrays(PlanarForce(0.1, 0.2))
     slope = jax.jacfwd(lambda x: craft.dynamics(0.0, x, u))(x)
@@ -199,7 +199,7 @@ def test_differentiates_at_rest_and_in_motion(x):
 
 
 @pytest.mark.thorough
-def test_slope_of_friction_at_rest():
+def test_friction_derivative_at_rest_includes_coulomb_term():
     """Towards rest the force is -(c0/v0 + c1) v: the derivative at rest must say so, not drop the dry part."""
     small = 1e-7
     wanted = (float(FRICTION.wrench(small, 0.0, 0.0)[0]) - float(FRICTION.wrench(-small, 0.0, 0.0)[0])) / (2 * small)

@@ -1,4 +1,4 @@
-"""The hypersonic vehicle: the source's numbers, the algebraic loop, units, what a sensor feels, disturbances.
+"""The hypersonic vehicle: published numbers, the algebraic loop, units, motion, disturbances.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -102,13 +102,13 @@ def test_check_01_algebraic_loop_is_solved_exactly(kmode):
         np.testing.assert_allclose(got, np.linalg.solve(*_loop(kmode, M, r1, r2)), rtol=1e-12)
 
 
-def test_check_01_determinant():
+def test_check_01_determinant_of_the_algebraic_loop():
     """627105.52 +- 0.01; what 1 lbf ft of moment turns, too."""
     assert np.linalg.det(_loop("parker", 0, 0, 0)[0]) == pytest.approx(627105.52, abs=0.01)
     assert 1 / float(FlexibleModes().solve_accelerations(5e5, 1.0, 0.0, 0.0)[0]) == pytest.approx(627105.52, abs=0.01)
 
 
-def test_check_02_trim():
+def test_check_02_trim_matches_the_reference():
     """Alpha, Phi, delta_e to 1e-5 relative, residual below 1e-10."""
     alpha, Phi, delta_e = _trim()
     np.testing.assert_allclose([alpha / DEG, Phi, delta_e / DEG], [1.596784, 0.264449, 12.427146], rtol=1e-5)
@@ -118,21 +118,21 @@ def test_check_02_trim():
     assert (x.eta1, x.eta2) == (pytest.approx(0.903851, rel=1e-5), pytest.approx(0.755137, rel=1e-5))
 
 
-def test_forces_at_the_trim():
+def test_forces_at_trim_match_the_oracle():
     """Oracle, forces."""
     f = Hypersonic().forces_at(*_at_trim())
     got = [float(f.qbar), float(f.T), float(f.L), float(f.D), Hypersonic.m * Hypersonic.g]
     np.testing.assert_allclose(got, [2000.0132, 1769.4663, 9416.840, 1768.779, 9466.147], rtol=1e-6)
 
 
-def test_gravity_at_the_ground_gives_another_trim():
+def test_sea_level_gravity_changes_the_trim():
     """Oracle, gravity."""
     alpha, Phi, delta_e = _trim(32.174)
     np.testing.assert_allclose([alpha / DEG, Phi, delta_e / DEG], [1.644566, 0.268090, 12.539973], rtol=1e-5)
     assert Hypersonic().g == pytest.approx(31.5538239, abs=5e-8)
 
 
-def test_the_quoted_point_is_no_trim_of_this_model():
+def test_published_trim_point_is_not_an_equilibrium():
     """Oracle, trim: V' +0.3484, V gamma' -2.2244 ft/s^2, M/Iyy 0.01926 rad/s^2, N_i/w_i^2 0.8796 and 0.6935."""
     alpha, Phi, delta_e = QUOTED
     craft = Hypersonic()
@@ -145,7 +145,7 @@ def test_the_quoted_point_is_no_trim_of_this_model():
 
 
 @pytest.mark.parametrize("kmode", KMODES)
-def test_dynamics_are_the_equations_in_plain_numbers(kmode):
+def test_dynamics_match_the_written_out_equations(kmode):
     craft = _with(kmode)
     for seed in range(8):
         x, u = _random(seed)
@@ -155,7 +155,7 @@ def test_dynamics_are_the_equations_in_plain_numbers(kmode):
         np.testing.assert_allclose(got / scale, want / scale, rtol=1e-11, atol=1e-13)
 
 
-def test_modes_alter_no_force_and_no_path():
+def test_flexible_modes_do_not_change_forces_or_path():
     """[1] eqs. 1-3: aerodynamic forces and moment do not depend on eta; the path's accelerations neither."""
     x, u = _at_trim()
     bent = replace(x, eta1=5.0, eta1_rate=-30.0, eta2=-2.0, eta2_rate=10.0)
@@ -166,7 +166,7 @@ def test_modes_alter_no_force_and_no_path():
 
 
 @pytest.mark.thorough
-def test_what_is_affine_and_what_is_not():
+def test_dynamics_are_affine_in_inputs_except_drag():
     """[1] eq. 4: everything in Phi; in the elevator all but V', whose slope of drag is 40.34, not 20.19."""
     x, u = _at_trim()
     craft = Hypersonic()
@@ -185,7 +185,7 @@ def _leaves(craft, x, v):
     return [*jax.tree.leaves(craft.dynamics(0.0, x, HypersonicInput(v[0], v[1])))]
 
 
-def test_open_loop_poles():
+def test_open_loop_poles_match_the_reference():
     """[1] eqs. 4-8, the plant at the trim with u held."""
     x, u = _at_trim()
     craft = Hypersonic()
@@ -219,7 +219,7 @@ def test_units_are_consistent(kmode):
     assert agrees.all() == (kmode != "author")
 
 
-def test_motion_is_the_derivative_of_what_it_says():
+def test_motion_is_consistent_with_the_dynamics():
     """Altitude, and velocity turned into the world, differentiated along the dynamics."""
     craft = Hypersonic()
     values, inputs = _random(5)
@@ -240,7 +240,7 @@ def test_motion_is_the_derivative_of_what_it_says():
     assert float(jnp.arctan2(m.v_WB_B[2], m.v_WB_B[0])) == pytest.approx(values[2], rel=1e-12)
 
 
-def test_disturbance_enters_where_it_should():
+def test_disturbance_enters_the_right_equations():
     """The moment joins M, in the flexible rows too; forces join m V' and m V gamma'."""
     x, u = _at_trim()
     push = Disturbance(moment=2e5, along=30.0, normal=600.0, start=2.0, duration=1.0)
@@ -258,7 +258,7 @@ def test_disturbance_enters_where_it_should():
 
 
 @pytest.mark.parametrize("h", [0.005, 0.001, 0.0125])
-def test_an_impulse_keeps_its_size_in_integration(h):
+def test_integrated_disturbance_impulse_is_exact(h):
     """50 ms of 20 ft/s: what the four stages of a step see at its edges adds up."""
     push = Disturbance(normal=300 * 20 / 0.05, start=0.05, duration=0.05)
     total = 0.0
@@ -267,7 +267,7 @@ def test_an_impulse_keeps_its_size_in_integration(h):
     assert float(total) == pytest.approx(20.0, rel=1e-12)
 
 
-def test_parameters_can_differ_in_a_batch():
+def test_parameters_can_vary_across_a_batch():
     """Plants of a campaign: every quantity carries an axis of its own."""
     craft = to_arrays(Hypersonic())
     x, u = _at_trim()

@@ -38,7 +38,7 @@ def _entries(matrix, places):
 
 
 @pytest.mark.thorough
-def test_check_03_emulation_meets_the_print():
+def test_check_03_emulation_matches_published_matrices():
     """32 magnitudes within 1.1 %, A[7,4] and A[9,4] within 1e-5; B[9,:] excluded."""
     A, B = _emulated()
     places_B = [p for p in EMULATED_B if p[0] != 9]
@@ -51,7 +51,7 @@ def test_check_03_emulation_meets_the_print():
 
 
 @pytest.mark.thorough
-def test_check_03_nothing_else_is_printed():
+def test_check_03_published_matrices_have_no_other_entries():
     """The 34 places of rows 4, 5, 7 and 9 are all that the print has there; the emulation has no others either."""
     for matrix, places in ((printed.A_PRINTED, EMULATED_A), (printed.B_PRINTED, EMULATED_B)):
         filled = {(i + 1, j + 1) for i, j in np.argwhere(matrix) if i in (3, 4, 6, 8)}
@@ -66,7 +66,7 @@ def test_check_03_nothing_else_is_printed():
 
 
 @pytest.mark.thorough
-def test_emulation_meets_the_prototype_with_signs():
+def test_emulation_matches_the_prototype_with_signs():
     """To these digits, B[9,:] included."""
     A, B = _emulated()
     np.testing.assert_allclose(_entries(A, EMULATED_A), list(EMULATED_A.values()), rtol=1.2e-4)
@@ -74,8 +74,8 @@ def test_emulation_meets_the_prototype_with_signs():
 
 
 @pytest.mark.thorough
-def test_signs_that_the_print_lost():
-    """The entries whose sign is lost, and B[9,:], which fits in no way."""
+def test_published_matrices_have_known_sign_errors():
+    """The entries with a lost sign, and B[9,:], which does not fit at all."""
     A, B = _emulated()
     assert {p for p in EMULATED_A if A[p[0] - 1, p[1] - 1] * printed.A_PRINTED[p[0] - 1, p[1] - 1] < 0} == SIGN_LOST
     opposite = {p for p in EMULATED_B if B[p[0] - 1, p[1] - 1] * printed.B_PRINTED[p[0] - 1, p[1] - 1] < 0}
@@ -84,7 +84,7 @@ def test_signs_that_the_print_lost():
     assert abs(B[8, 1] / printed.B_PRINTED[8, 1] - 1) > 0.6
 
 
-def test_gravity_of_the_ground_would_leave_entries_off():
+def test_sea_level_gravity_shifts_five_published_entries():
     """[1] eqs. 1-3: with 32.174 ft/s^2 five printed entries are off by 1.4 to 2.2 percent."""
     A, _ = printed.emulate_linearisation(replace(Hypersonic(), g=32.174))
     off = np.abs(_entries(A, EMULATED_A) / _entries(printed.A_PRINTED, EMULATED_A)) - 1
@@ -99,7 +99,7 @@ def _has(poles, wanted, digits=1e-2):
     return all(np.abs(poles - w).min() < digits for w in wanted)
 
 
-def test_check_12_printed_gain():
+def test_check_12_published_gain_stabilises_only_rigid_modes():
     """Rigid spectrum of A - B K to 1e-2; full A + B K and A - B K not Hurwitz."""
     A, B, K = printed.A_PRINTED, printed.B_PRINTED, printed.K_PRINTED
     rigid = _poles(A[:5, :5] - B[:5] @ K[:, :5])
@@ -113,7 +113,7 @@ def test_check_12_printed_gain():
     assert _poles(A[:5, :5] + B[:5] @ K[:, :5]).real.max() > 0
 
 
-def test_printed_gain_with_the_signs_of_damping_restored():
+def test_published_gain_with_corrected_damping_signs_is_unstable():
     """[1] printed K: still unstable, until the modes' effect on the pitch acceleration is taken out."""
     A = printed.A_PRINTED.copy()
     A[6, 6], A[8, 8] = -A[6, 6], -A[8, 8]
@@ -124,7 +124,7 @@ def test_printed_gain_with_the_signs_of_damping_restored():
     assert poles.real.max() < 0
 
 
-def test_printed_a_alone_has_growing_modes():
+def test_published_a_matrix_has_unstable_modes():
     """[1] printed K."""
     poles = _poles(printed.A_PRINTED)
     assert _has(poles, [0.330 + 16.535j, 0.400 + 19.913j])

@@ -24,12 +24,12 @@ SI_ALREADY = {"1", "s", "rad", "rad/s", "rad/s^2", "1/rad", "1/rad^2"}
         ("(slug ft)^1/2", 2.109081),
     ],
 )
-def test_factors_are_the_published_ones(unit, factor):
+def test_factors_match_published_values(unit, factor):
     """Specification section 1, table of conversion factors, all digits that it prints."""
     assert imperial.factor(unit) == pytest.approx(factor, rel=3e-7)
 
 
-def test_there_and_back():
+def test_si_conversion_round_trip():
     x = HypersonicState(85000.0, 7702.0, 0.03, 0.04, 0.001, 0.9, 0.1, 0.7, -0.2)
     view = imperial.to_si(x)
     assert view["h"] == pytest.approx(25908.0)
@@ -47,7 +47,7 @@ def test_nested_records_become_nested_views():
     assert "kmode" not in view["modes"]
 
 
-def test_a_name_that_is_none_is_refused():
+def test_rejects_unknown_field_name():
     with pytest.raises(InputError, match="altitude"):
         imperial.from_si(HypersonicState(*[0.0] * 9), altitude=3.0)
 

@@ -1,4 +1,4 @@
-"""The Mariner: its equations as an oracle writes them, and a motion that is that of its centre of mass."""
+"""The Mariner: its equations against an oracle, and the motion of its centre of mass."""
 
 import jax
 import jax.numpy as jnp
@@ -23,13 +23,13 @@ def vector(record):
         ((8.1, -1.3, -0.02, 0.0, 9.0, -2.0, -0.5), 2.0),
     ],
 )
-def test_derivatives_are_the_oracle_s(x, told):
+def test_derivatives_match_the_oracle(x, told):
     rate = Mariner().dynamics(0.0, MarinerState(*x), MarinerControls(told))
     np.testing.assert_allclose(vector(rate), mariner.rates(np.array(x), told), rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.thorough
-def test_a_positive_rudder_turns_to_port_and_it_keeps_its_course():
+def test_positive_rudder_turns_to_port_and_ship_is_stable():
     """Both roots of sway and yaw are on the left, and slow: those of Nomoto's 118 and 7.8 s."""
     ship = Mariner()
 
@@ -41,7 +41,7 @@ def test_a_positive_rudder_turns_to_port_and_it_keeps_its_course():
     assert ship.accelerations(MarinerState(rudder=0.1))[2] < 0
 
 
-def test_the_motion_is_that_of_the_centre_of_mass():
+def test_motion_is_the_derivative_of_the_position():
     """Its place differentiated twice along a flight, against velocity and acceleration in B."""
     ship, told = Mariner(), MarinerControls(-0.3)
     start = np.array([7.0, 0.2, 0.004, 0.0, 0.0, 0.5, -0.2])

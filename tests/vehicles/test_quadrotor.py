@@ -35,7 +35,7 @@ def test_hover_is_an_equilibrium():
         np.testing.assert_allclose(getattr(dx, name), 0, atol=1e-12, err_msg=name)
 
 
-def test_numbers_of_the_publication():
+def test_default_parameters_match_the_publication():
     """m = 4.34 kg, J = diag(0.0820, 0.0845, 0.1377) kg m^2, d = 0.315 m, c = 8.004e-4 m; its matrix of f to (f, M)."""
     d, c = 0.315, 8.004e-4
     B = [[1, 1, 1, 1], [0, -d, 0, d], [d, 0, -d, 0], [-c, c, -c, c]]
@@ -44,7 +44,7 @@ def test_numbers_of_the_publication():
     np.testing.assert_array_equal(CRAFT.inertia, [0.0820, 0.0845, 0.1377])
 
 
-def test_without_thrust_it_falls_as_a_stone_and_keeps_its_spin_momentum():
+def test_free_fall_conserves_angular_momentum():
     x = replace(CRAFT.hover(), rate=np.array([1.0, -2.0, 3.0]), rotor_speed=np.zeros(4))
     y = fly(CRAFT, x, RotorSpeeds(np.zeros(4)), 1.0)
     np.testing.assert_allclose(y.position, [0, 0, 9.81 / 2], atol=1e-9)
@@ -64,7 +64,7 @@ def test_each_rotor_lifts_its_side(rotor, signs):
     assert np.sign(turn[2]) == -np.asarray(CRAFT.rotors.spins)[rotor], "the body turns against its rotor"
 
 
-def test_rotors_angular_momentum_makes_it_precess():
+def test_rotor_angular_momentum_causes_precession():
     craft = replace(CRAFT, rotors=replace(Rotors(), inertia=1e-3, torque_ratio=0.0))
     x = replace(craft.hover(), rate=np.array([1.0, 0.0, 0.0]), rotor_speed=np.array([400.0, 0, 400, 0]))
     pair = craft.rotors.angular_momentum(x.rotor_speed)
@@ -74,7 +74,7 @@ def test_rotors_angular_momentum_makes_it_precess():
     assert turn[1] == pytest.approx(0.8 / 0.0845)
 
 
-def test_drag_is_of_the_air_and_wind_carries_it():
+def test_drag_acts_on_velocity_relative_to_wind():
     craft = replace(CRAFT, drag=np.array([0.3, 0.2, 0.1]), wind=Wind(north=5.0))
     still = craft.accelerations(craft.hover((0, 0, -10.0)), RotorSpeeds(craft.hover().rotor_speed))[0]
     np.testing.assert_allclose(still, [0.3 * 5 / 4.34, 0, 0], atol=1e-12)
@@ -82,7 +82,7 @@ def test_drag_is_of_the_air_and_wind_carries_it():
     np.testing.assert_allclose(craft.accelerations(with_it, RotorSpeeds(with_it.rotor_speed))[0], 0, atol=1e-12)
 
 
-def test_rotors_lag_by_their_time_constant():
+def test_rotor_speed_lags_by_the_time_constant():
     craft = replace(CRAFT, lag=0.05)
     x = craft.hover()
     y = fly(craft, x, RotorSpeeds(np.asarray(x.rotor_speed) + 50), 0.05)
@@ -93,7 +93,7 @@ def test_rotors_lag_by_their_time_constant():
     np.testing.assert_allclose(later, 0, atol=1e-12)
 
 
-def test_a_sensor_feels_its_motion():
+def test_motion_is_consistent_with_the_dynamics():
     q = np.asarray(quaternion.from_euler(0.3, -0.2, 1.0))
     x = MultirotorState(
         np.array([1.0, 2, -3]), np.array([4.0, -1, 0.5]), q, np.array([0.1, 0.2, -0.3]), np.full(4, 300.0)
@@ -107,12 +107,12 @@ def test_a_sensor_feels_its_motion():
     np.testing.assert_array_equal(m.alpha_WB_B, a[1])
 
 
-def test_speeds_and_thrusts_are_inverse():
+def test_rotor_speeds_and_thrusts_are_inverse():
     thrust = np.array([-3.0, 0.0, 1e-9, 20.0])
     np.testing.assert_allclose(CRAFT.rotors.thrusts(CRAFT.rotors.speeds(jnp.asarray(thrust))), thrust, atol=1e-15)
 
 
-def test_a_ring_of_rotors():
+def test_ring_layout_places_and_spins_rotors():
     places, spins = ring_rotors("PNPNPN", 0.4)
     np.testing.assert_allclose(np.linalg.norm(places, axis=1), 0.4)
     np.testing.assert_array_equal(spins, [1, -1, 1, -1, 1, -1])
@@ -125,6 +125,6 @@ def test_a_ring_of_rotors():
 @pytest.mark.parametrize(
     "wrong", [{"spins": np.array([1.0, -1, 1])}, {"spins": np.array([1.0, -1, 1, 0.5])}, {"places": np.zeros((3, 3))}]
 )
-def test_rotors_that_are_not_wholly_described_are_refused(wrong):
+def test_rejects_incomplete_rotor_descriptions(wrong):
     with pytest.raises(InputError):
         replace(Rotors(), **wrong).check()

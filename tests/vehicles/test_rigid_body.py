@@ -1,4 +1,4 @@
-"""A rigid body over the earth: what stays, what is felt, and what is refused."""
+"""A rigid body over the earth: conserved quantities, motion, and rejected parameters."""
 
 import jax
 import jax.numpy as jnp
@@ -36,7 +36,7 @@ def flown(body, x, wrench, duration, steps):
 
 
 @pytest.mark.thorough
-def test_untouched_it_keeps_its_energy_and_its_momenta():
+def test_unforced_body_conserves_energy_and_momenta():
     J = np.asarray(BODY.inertia_matrix())
     x = flown(BODY, START, NO_WRENCH, 10.0, 2000)
     for before, after in (
@@ -55,7 +55,7 @@ def energy(x):
     return x.velocity @ x.velocity / 2 - potential
 
 
-def test_the_inertia_is_a_symmetric_matrix_with_its_products_subtracted():
+def test_inertia_matrix_has_negative_products_of_inertia():
     np.testing.assert_array_equal(BODY.inertia_matrix(), [[0.2, -0.02, -0.03], [-0.02, 0.5, 0.01], [-0.03, 0.01, 0.6]])
     J, b = np.asarray(BODY.inertia_matrix()), np.array([0.3, -1.0, 2.0])
     still = replace(START, rate=jnp.zeros(3))
@@ -65,7 +65,7 @@ def test_the_inertia_is_a_symmetric_matrix_with_its_products_subtracted():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("body", [BODY, DRAGGED], ids=["in a vacuum", "in the air"])
-def test_what_is_felt_is_the_derivative_of_the_pose_against_the_ground(body):
+def test_motion_is_the_derivative_of_the_ground_pose(body):
     def advance(x):
         return body.dynamics(2.0, x, PUSH)
 
@@ -91,7 +91,7 @@ def test_what_is_felt_is_the_derivative_of_the_pose_against_the_ground(body):
 
 
 @pytest.mark.thorough
-def test_held_up_against_gravity_it_stays_where_the_ground_is():
+def test_body_supported_against_gravity_stays_at_rest():
     """Over the turning earth a body at rest is pushed by its weight, with the centrifugal force in it."""
     x = BODY.start(0.7, -1.2, 100.0, velocity=np.zeros(3), angles=np.zeros(3), rate=np.zeros(3), over_ground=True)
     hold = Wrench(-BODY.mass * jnp.asarray(gravity(0.7, 100.0)), jnp.zeros(3))
@@ -103,7 +103,7 @@ def test_held_up_against_gravity_it_stays_where_the_ground_is():
 
 
 @pytest.mark.thorough
-def test_the_quaternions_length_does_not_matter():
+def test_dynamics_are_independent_of_quaternion_norm():
     longer = replace(START, attitude=2.5 * START.attitude)
     one, other = (DRAGGED.dynamics(0.0, x, PUSH) for x in (START, longer))
     np.testing.assert_allclose(other.velocity, one.velocity, rtol=1e-14)
@@ -111,7 +111,7 @@ def test_the_quaternions_length_does_not_matter():
 
 
 @pytest.mark.thorough
-def test_drag_is_against_the_way_through_the_air_and_nothing_in_the_wind_itself():
+def test_drag_opposes_velocity_relative_to_wind():
     flow = DRAGGED.flight(0.0, START).flow
     force = DRAGGED.aerodynamics.wrench(flow).force
     q = 0.5 * flow.air.density * flow.speed**2
@@ -124,7 +124,7 @@ def test_drag_is_against_the_way_through_the_air_and_nothing_in_the_wind_itself(
     assert np.isfinite(jax.jit(jax.jacfwd(lambda x: DRAGGED.dynamics(0.0, x, PUSH).velocity))(drifting).velocity).all()
 
 
-def test_a_flight_gives_the_start_back():
+def test_flight_recovers_the_start_conditions():
     flight = BODY.flight(0.0, START)
     np.testing.assert_allclose(flight.velocity, [30.0, -8.0, 4.0], atol=1e-12)
     np.testing.assert_allclose(flight.angles, [0.3, -0.2, 1.0], atol=1e-12)
@@ -132,7 +132,7 @@ def test_a_flight_gives_the_start_back():
     assert flight.height == pytest.approx(900.0, abs=1e-8)
 
 
-def test_an_inertia_that_no_body_has_is_refused():
+def test_rejects_physically_impossible_inertia():
     with pytest.raises(InputError, match="are not possible for a body"):
         replace(BODY, inertia=np.array([0.1, 0.1, 0.5])).check()
     with pytest.raises(InputError, match="are not possible for a body"):

@@ -50,7 +50,7 @@ def test_velocities_and_accelerations_are_derivatives_of_the_pose(t):
     np.testing.assert_allclose(alpha, m.alpha_WB_B, atol=1e-11)
 
 
-def test_upright_it_is_the_sources():
+def test_upright_motion_matches_the_thesis():
     """[1] section 6.2.1: phi = al + pi/2, F = (R W', R W²), X tangential, Y inward."""
     rig = RotatingPlatform()
     m, x = jax.jit(lambda t: (motion(t, rig), state(t, rig)))(0.1)
@@ -63,7 +63,7 @@ def test_upright_it_is_the_sources():
     np.testing.assert_allclose(inward, -m.p_WB / R, atol=1e-15)
 
 
-def test_what_is_integrated_along_is_the_motion():
+def test_integrated_state_matches_the_motion():
     rig, x, h = RIG, to_arrays(RIG.rest_state(0.3)), 1e-3
     step = jax.jit(lambda x: rk4(lambda t, x: rig.dynamics(t, x, COMMAND), 0.0, x, h))
     for _ in range(500):
@@ -75,7 +75,7 @@ def test_what_is_integrated_along_is_the_motion():
     np.testing.assert_allclose([x.heading, x.yaw_rate], [exact.heading, exact.yaw_rate], atol=1e-9)
 
 
-def test_the_lean_is_an_acceleration_that_stands_still_in_the_world():
+def test_lean_gives_a_constant_acceleration_in_world_axes():
     """At rest an accelerometer feels g sin(tilt) away from where the axis leans, whatever the heading."""
     rig = RotatingPlatform(arm=0.0, tilt=0.0086, lean=0.7)
     for heading in (0.0, 1.0, 4.0):
@@ -86,7 +86,7 @@ def test_the_lean_is_an_acceleration_that_stands_still_in_the_world():
         assert m.attitude[2] == pytest.approx(heading, abs=2e-5)
 
 
-def test_yaw_counts_turns():
+def test_yaw_is_unwrapped_over_full_turns():
     for turns in (-3, 0, 5):
         m = RIG.motion(0, RIG.rest_state(0.4 + 2 * np.pi * turns), COMMAND)
         assert m.attitude[2] == pytest.approx(0.4 + 2 * np.pi * turns, abs=0.02)

@@ -1,4 +1,4 @@
-"""The surface vessel against its publication's matrices, and what must hold whatever the numbers are."""
+"""The surface vessel against its publication's matrices, and properties that hold for any parameters."""
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +23,7 @@ def random_states(n, seed=1):
     return list(zip(u, v, r, rng.uniform(-3, 3, n), rng.uniform(-0.6, 0.6, n), rng.uniform(-33, 33, n), strict=True))
 
 
-def test_accelerations_are_those_of_the_publications_matrices():
+def test_accelerations_match_the_published_matrices():
     """About the centre of mass here, amidships there: v' = v_O' + x_g r'."""
     vessel = SurfaceVessel(current=Current(north=-0.2, east=0.3))
     accelerations = jax.jit(vessel.accelerations)
@@ -35,7 +35,7 @@ def test_accelerations_are_those_of_the_publications_matrices():
 
 
 @pytest.mark.thorough
-def test_a_current_is_a_moving_world():
+def test_constant_current_is_equivalent_to_moving_frame():
     """A constant current is a frame that moves along: the same motion, seen from a drifting raft."""
     current, flow = Current(north=0.15, east=-0.25), np.array([0.15, -0.25])
     u = VesselControls(0.2, 100.0)
@@ -51,7 +51,7 @@ def test_a_current_is_a_moving_world():
     assert float(b.heading) == pytest.approx(float(a.heading), abs=1e-9)
 
 
-def test_without_damping_and_thrust_energy_is_kept_and_coriolis_does_no_work():
+def test_undamped_unforced_vessel_conserves_energy():
     free = SurfaceVessel(damping=HullDamping(*[0.0] * 15))
     x = to_arrays(VesselState(0.6, 0.2, 0.4))
 
@@ -69,14 +69,14 @@ def test_without_damping_and_thrust_energy_is_kept_and_coriolis_does_no_work():
     assert float(energy(x)) == pytest.approx(before, rel=1e-8)
 
 
-def test_damping_takes_energy_out():
+def test_surge_damping_dissipates_energy():
     damping = HullDamping()
     u, v, r = np.array(random_states(300, seed=4)).T[:3]
     X, _, _ = jax.jit(damping.wrench)(u, v, r)
     assert (X * u <= 0).all()
 
 
-def test_positive_rudder_pushes_the_stern_to_starboard_and_turns_to_port():
+def test_positive_rudder_turns_the_vessel_to_port():
     vessel = SurfaceVessel()
     straight = VesselState(surge_velocity=0.6, shaft_speed=105.0)
     _, dv, dr = vessel.accelerations(to_arrays(replace(straight, rudder=0.2)))
@@ -95,7 +95,7 @@ def test_servos_are_limited_in_angle_and_rate():
     np.testing.assert_allclose([at_stop.rudder, at_stop.shaft_speed], 0.0, atol=1e-12)
 
 
-def test_wind_blows_it_along_and_a_wind_of_its_own_speed_is_none():
+def test_wind_load_depends_on_relative_wind():
     load = WindLoad(wind=Wind(north=-3.0))
     X, Y, N = load.wrench(to_arrays(VesselState()))
     assert X < 0
@@ -126,7 +126,7 @@ def test_motion_is_the_derivative_of_the_pose():
     assert float(m.alpha_WB_B[2]) == pytest.approx(float(d.yaw_rate))
 
 
-def test_steady_speed_is_where_thrust_is_resistance():
+def test_steady_speed_balances_thrust_and_resistance():
     """At 1000 rpm: 2 T(n, u) = 0.72253 u + 1.32742 u² + 5.86643 u³, solved here by bisection."""
     n, low, high = 1000 / 60, 0.0, 1.0
     for _ in range(60):
@@ -138,7 +138,7 @@ def test_steady_speed_is_where_thrust_is_resistance():
 
 
 @pytest.mark.thorough
-def test_it_does_not_keep_its_course_by_itself():
+def test_vessel_is_course_unstable():
     """The linear model of sway and yaw at 1000 rpm has a root on the right: damping cannot hold Munk's moment."""
     vessel, n = SurfaceVessel(), 1000 / 60 * TURN
 

@@ -1,4 +1,4 @@
-"""The torpedo against the sums of forces of its publication, and what must hold whatever the numbers are."""
+"""The torpedo against the sums of forces of its publication, and properties that hold for any parameters."""
 
 import jax
 import numpy as np
@@ -28,7 +28,7 @@ def state_of(nu, euler, rudder=0.0, stern=0.0, shaft=CRUISE):
     return to_arrays(TorpedoState(np.zeros(3), attitude, velocity, np.array([p, q, r]), rudder, stern, shaft))
 
 
-def test_accelerations_are_those_of_the_publications_sums():
+def test_accelerations_match_the_published_force_sums():
     accelerations = jax.jit(Torpedo().accelerations)
     rng = np.random.default_rng(2)
     for _ in range(200):
@@ -41,7 +41,7 @@ def test_accelerations_are_those_of_the_publications_sums():
         np.testing.assert_allclose(np.array(dw), want[3:], rtol=1e-9, atol=1e-10)
 
 
-def test_kinematics_are_those_of_euler_angles():
+def test_kinematics_match_euler_angle_rates():
     nu, euler = np.array([1.5, 0.2, -0.1, 0.3, -0.2, 0.4]), np.array([0.3, -0.5, 1.2])
     x = state_of(nu, euler)
     d = Torpedo().dynamics(0.0, x, NOTHING)
@@ -52,7 +52,7 @@ def test_kinematics_are_those_of_euler_angles():
     np.testing.assert_allclose((np.array(turned) - euler) / h, rates[3:], atol=1e-6)
 
 
-def test_level_flight_at_1500_rpm_is_that_of_the_publications_sums():
+def test_level_trim_at_1500_rpm_matches_the_publication():
     """The same seven unknowns over the publication's equations: 1.477 m/s, 2.7 degrees nose down, rolled by 5.3."""
 
     def level(y):
@@ -68,7 +68,7 @@ def test_level_flight_at_1500_rpm_is_that_of_the_publications_sums():
 
 
 @pytest.mark.thorough
-def test_a_current_is_a_moving_world():
+def test_constant_current_is_equivalent_to_moving_frame():
     current = Current(north=0.15, east=-0.25)
     u, still, moving = TorpedoControls(0.05, -0.1, CRUISE), Torpedo(), Torpedo(current=current)
     a = state_of([1.5, 0.1, 0.0, 0.1, 0, 0.1], (-0.05, -0.03, 0.4))
@@ -82,7 +82,7 @@ def test_a_current_is_a_moving_world():
 
 
 @pytest.mark.thorough
-def test_a_rigid_body_without_water_keeps_energy_and_angular_momentum():
+def test_body_without_water_conserves_energy_and_momentum():
     dry = TorpedoHull(**dict.fromkeys(TorpedoHull.__dataclass_fields__, 0.0))
     free = Torpedo(buoyancy=299.0, lowered=0.0, hull=dry, thrust=0.0, torque=0.0)
     J = np.diag([0.177, 3.45, 3.45])
@@ -100,7 +100,7 @@ def test_a_rigid_body_without_water_keeps_energy_and_angular_momentum():
     np.testing.assert_allclose(kept(x), before, rtol=1e-5, atol=1e-6)
 
 
-def test_at_rest_it_swings_as_a_pendulum_with_added_inertia():
+def test_roll_period_at_rest_includes_added_inertia():
     """Roll: (Ixx - Kpdot - (m zg)^2/(m - Yvdot)) phi'' = -zg W phi: a period of 1.277 s for small angles."""
     neutral = Torpedo(buoyancy=299.0)
     x = state_of(np.zeros(6), (1e-3, 0.0, 0.0), shaft=0.0)
@@ -112,7 +112,7 @@ def test_at_rest_it_swings_as_a_pendulum_with_added_inertia():
     assert 2 * np.pi * np.sqrt(inertia / (ZG * 299)) == pytest.approx(1.277, abs=1e-3)
 
 
-def test_signs_of_fins_and_screw():
+def test_fins_and_propeller_have_the_correct_signs():
     torpedo = Torpedo(buoyancy=299.0, torque=0.0)
 
     def turning(**fins):
@@ -137,7 +137,7 @@ def test_fins_are_limited_in_angle_and_rate():
     np.testing.assert_allclose([d.rudder, d.stern], 0.0, atol=1e-12)
 
 
-def test_motion_is_the_derivative_of_the_place():
+def test_motion_is_the_derivative_of_the_position():
     torpedo, x = Torpedo(current=Current(east=0.2)), state_of([1.5, 0.2, -0.1, 0.3, -0.2, 0.4], (0.3, -0.5, 1.2))
     dynamics = jax.jit(lambda x: torpedo.dynamics(0.0, x, NOTHING))
     m, d = jax.jit(lambda x: torpedo.motion(seconds(1), x, NOTHING))(x), dynamics(x)
@@ -150,7 +150,7 @@ def test_motion_is_the_derivative_of_the_place():
     np.testing.assert_allclose(np.array(m.attitude), [0.3, -0.5, 1.2], rtol=1e-12)
 
 
-def test_after_a_step_the_attitude_is_of_length_one():
+def test_attitude_is_normalised_after_a_step():
     x = replace(state_of(np.zeros(6), (0.1, 0.2, 0.3)), attitude=np.array([2.0, 0, 0, 1.0]))
     q = np.array(Torpedo().after_step(0.0, x).attitude)
     assert q @ q == pytest.approx(1.0, abs=1e-15)

@@ -1,4 +1,4 @@
-"""What vehicles say they are, against the numbers of pymavlink."""
+"""MAVLink types of the vehicles, against the numbers of pymavlink."""
 
 import pytest
 
@@ -26,18 +26,18 @@ QUICK = {name.split("/")[0]: name for name in catalogue.scenario_names() if not 
 
 @pytest.mark.thorough(*(name for name in catalogue.scenario_names() if name not in QUICK.values()))
 @pytest.mark.parametrize("name", catalogue.scenario_names())
-def test_every_scenarios_vehicle_is_of_its_type(name):
+def test_every_scenario_vehicle_has_its_mavlink_type(name):
     common = pytest.importorskip("pymavlink.dialects.v20.common")
     wanted = next((kind for start, kind in WANTED.items() if name.startswith(start)), "SURFACE_BOAT")
     scenario, _ = catalogue.load_scenario(name)
     assert mav_type(scenario.world.vehicle) == getattr(common, f"MAV_TYPE_{wanted}")
 
 
-def test_a_vehicle_that_declares_nothing_is_generic():
+def test_vehicle_without_declared_type_is_generic():
     assert mav_type(object()) == 0
 
 
-def test_a_type_that_is_not_known_is_refused():
+def test_rejects_unknown_vehicle_type():
     class Boat:
         MAV_TYPE = "SURFACE-BOAT"
 
@@ -49,7 +49,7 @@ def test_a_type_that_is_not_known_is_refused():
 OWN_NAMES = {"GROUND_STATION": "GCS", "ONBOARD_COMPUTER": "ONBOARD_CONTROLLER"}
 
 
-def test_every_type_has_mavlinks_number_and_every_vehicle_of_mavlink_is_one():
+def test_vehicle_types_match_mavlink_numbers():
     common = pytest.importorskip("pymavlink.dialects.v20.common")
     names = {int(number): entry.name.removeprefix("MAV_TYPE_") for number, entry in common.enums["MAV_TYPE"].items()}
     assert {kind.value: OWN_NAMES.get(kind.name, kind.name) for kind in VehicleType}.items() <= names.items()
@@ -58,7 +58,7 @@ def test_every_type_has_mavlinks_number_and_every_vehicle_of_mavlink_is_one():
 
 
 @pytest.mark.parametrize("name", ["MAV_TYPE_SUBMARINE", "submarine", "SUBMARIN"])
-def test_what_is_meant_is_offered(name):
+def test_misspelt_type_suggests_the_right_one(name):
     with pytest.raises(InputError) as refused:
         mav_type(type("Boat", (), {"MAV_TYPE": name})())
     assert 'MAV_TYPE = "SUBMARINE"' in refused.value.fix

@@ -1,4 +1,4 @@
-"""The filter that learns the modal frequencies: its coordinates, what it learns from and what not, and its price.
+"""The adaptive filter of the modal frequencies: coordinates, excitation that it needs, and accuracy.
 
 Defaults were chosen on seeds 100-111 and 200-205; here seeds start at 300. The tables of the docs page:
 pytest -n0 -s -m thorough tests/estimators/flexible/test_adaptive.py
@@ -76,7 +76,7 @@ def _wrong(flown, factors):
 
 
 @pytest.mark.parametrize("kmode", KMODES)
-def test_stretched_motion_is_that_of_the_modes_with_other_frequencies(kmode):
+def test_stretched_modes_match_modes_of_other_frequencies(kmode):
     """Oracle: scipy's exponential of the linear model of a vehicle that has these frequencies."""
     nominal, other = _with(kmode, X[4:])
     nominal = replace(nominal, modes=replace(nominal.modes, kmode=kmode))
@@ -94,8 +94,8 @@ def test_stretched_motion_is_that_of_the_modes_with_other_frequencies(kmode):
 
 
 @pytest.mark.thorough
-def test_at_rest_the_frequencies_act_on_nothing():
-    """The trap and the way round it: in eta the measurement depends on w and on eta, in s on s alone, everywhere."""
+def test_frequencies_are_unobservable_at_rest():
+    """In eta the measurement seems to depend on w; in the stretched state s it depends on s alone."""
     craft, x, u = trim()
     b, _, _ = forcing(craft, RigidFlight(x.h, 0.0, x.V, x.alpha, x.q), u)
     for lam in ((0.0, 0.0), (0.1, -0.1)):
@@ -110,7 +110,7 @@ def test_at_rest_the_frequencies_act_on_nothing():
     assert abs(float(jax.grad(imu_reading)(16.5))) * 1.65 > 0.01  # rad/s^2 by 10 % of w1, eta held: it looks observable
 
 
-def test_a_moment_jolts_the_modes_as_in_the_vehicle():
+def test_disturbance_moment_excites_modes_as_in_the_vehicle():
     craft, x, u = trim()
     pushed = replace(craft, disturbance=to_arrays(replace(KNOCK, start=0.0)))
     before, after = (c.dynamics(0.0, x, u) for c in (craft, pushed))
@@ -122,7 +122,7 @@ def test_a_moment_jolts_the_modes_as_in_the_vehicle():
 
 
 @pytest.mark.thorough
-def test_mixture_is_mean_and_covariance_of_its_samples():
+def test_mixture_moments_match_sampled_hypotheses():
     """Oracle: half a million draws of two hypotheses, unstretched one by one without linearising."""
     rng = np.random.default_rng(0)
     x = np.stack([X, X * [1, -1, 1.1, 1, -1, 1]])
@@ -137,7 +137,7 @@ def test_mixture_is_mean_and_covariance_of_its_samples():
     np.testing.assert_allclose(unstretch(X, P[0])[0][:4], X[:4] * np.exp(-2 * X[[4, 4, 5, 5]]))
 
 
-def test_probabilities_are_those_of_bayes_with_a_floor():
+def test_probabilities_follow_bayes_with_a_floor():
     p = np.asarray(update_probabilities(np.array([0.5, 0.3, 0.2]), np.log([0.1, 0.4, 1e-30])))
     np.testing.assert_allclose(p[:2], np.array([0.05, 0.12]) / 0.17, rtol=1e-5)
     assert p[2] == pytest.approx(PROBABILITY_MIN, rel=1e-5)
@@ -147,8 +147,8 @@ def test_probabilities_are_those_of_bayes_with_a_floor():
 
 
 @pytest.mark.thorough
-def test_hypotheses_are_weighed_by_the_density_of_what_was_measured():
-    """A surer one that is off counts less than one that had expected to be: Gauss, as scipy has it."""
+def test_hypothesis_weights_match_gaussian_likelihood():
+    """A hypothesis with a small covariance and a large innovation loses weight. Oracle: scipy's normal density."""
     one, b = AdaptiveFlexibleModeFilter(), np.array([0.0, 150.0, 0.0, 240.0])
     P = np.diag([1e-4, 0.1, 1e-4, 0.1, 1e-3, 1e-3])
     update = jax.jit(lambda x, P, z: one.update(x, P, z, b))
@@ -158,7 +158,7 @@ def test_hypotheses_are_weighed_by_the_density_of_what_was_measured():
 
 
 @pytest.mark.thorough
-def test_it_tells_all_that_the_fixed_filter_tells():
+def test_estimate_has_the_same_type_as_fixed_filter():
     one = AdaptiveFlexibleModeFilter()
     assert isinstance(one, Estimator)
     state = one.init(key(0))
@@ -169,7 +169,7 @@ def test_it_tells_all_that_the_fixed_filter_tells():
 
 
 @pytest.mark.thorough
-def test_at_rest_nothing_is_learnt_and_nothing_drifts():
+def test_frequency_estimates_do_not_drift_at_rest():
     """No excitation: after ten seconds frequencies and their deviations are what they were, within 1 % of 10 %."""
     flown = _resting()
     assert np.abs(np.log(flown.estimate.frequencies.w1 / 16.5)).max() < 0.002
@@ -180,8 +180,8 @@ def test_at_rest_nothing_is_learnt_and_nothing_drifts():
 
 
 @pytest.mark.thorough
-def test_steps_of_the_elevator_teach_it():
-    """From 10 % off, printed first estimate, sigma 0.01: the frequency that sounds loudest within 1 % after 10 s."""
+def test_elevator_steps_identify_the_frequencies():
+    """From 10 % off, printed first estimate, sigma 0.01: the frequency of the dominant mode within 1 % after 10 s."""
     flown = _learning()
     wrong = _wrong(flown, OFF)
     assert np.abs(wrong[:, -1, 1]).max() < 0.01
@@ -206,7 +206,7 @@ def _frame(t, x, u, acceleration, **changes):
 
 
 @pytest.mark.thorough
-def test_what_is_not_finite_is_not_used():
+def test_nan_measurements_are_not_used():
     _, x, u = (jax.tree.map(float, part) for part in trim())
     one = to_arrays(AdaptiveFlexibleModeFilter(bound=1.12))
     step = jax.jit(one.step)
@@ -227,7 +227,7 @@ def test_what_is_not_finite_is_not_used():
     assert float(kept.state.frequencies.w1) == pytest.approx(16.5 * 1.12)
 
 
-def test_refusals():
+def test_rejects_invalid_parameters():
     AdaptiveFlexibleModeFilter().check()
     wrongs = ({"Q": (1.0, -1, 1, 1)}, {"deviation": (0.1, np.nan)}, {"walk": (-1e-6, 0)}, {"R": np.inf})
     for wrong in (*wrongs, {"bound": 1.1}, {"period": ms(25)}):
@@ -261,7 +261,7 @@ def _rows(title, move, disturbance=None, seeds=range(300, 304)):
 @pytest.mark.parametrize(
     ("title", "move", "knock"), [("steps", steps, None), ("buzz", buzz, None), ("knock", rest, KNOCK)]
 )
-def test_where_the_modes_sound_it_beats_the_fixed_filters(title, move, knock):
+def test_adaptive_filter_beats_fixed_filters_under_excitation(title, move, knock):
     """In every plant that is off by 10 %, in eta1 and in eta2; and in the nominal one it beats the tuned filter too.
 
     But for eta2 where mode 1 alone is slow: there the tuned filter, with little noise on mode 2, has 0.0096 for 0.0103.
@@ -277,15 +277,15 @@ def test_where_the_modes_sound_it_beats_the_fixed_filters(title, move, knock):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("title", "move"), [("rest", rest), ("weave", weave)])
-def test_where_they_do_not_it_is_no_better_than_others(title, move):
-    """Displacements are where N/w^2 of the believed w is: that is the error, and sigma says so; no worse than 1.5 x."""
+def test_adaptive_filter_without_excitation_stays_close_to_tuned(title, move):
+    """The error is that of N/w^2 with the estimated w, and sigma covers it; at most 1.5 times the tuned filter's."""
     for case, errors in _rows(title, move).items():
         if case != (1, 1):
             assert (errors["adaptive"] < 1.5 * errors["tuned"] + 0.05).all(), case
 
 
 @pytest.mark.thorough
-def test_a_minute_of_rest_changes_nothing():
+def test_frequency_estimates_do_not_drift_over_a_minute():
     flown = fly_many([(1, 1)] * 6, AdaptiveFlexibleModeFilter(), range(310, 316), rest, 60)
     wrong, believed = _wrong(flown, [(1, 1)] * 6)[:, -1], flown.estimate.frequencies.w2_sigma[:, -1] / 20
     print(f"\na minute of rest: w off by {100 * np.abs(wrong).max():.1e} %, believed {100 * believed.min():.3f} %")
@@ -294,11 +294,11 @@ def test_a_minute_of_rest_changes_nothing():
 
 
 @pytest.mark.thorough
-def test_consistent_where_the_plant_has_the_noise_that_it_believes():
+def test_nees_is_consistent_with_matching_plant_noise():
     """NEES of (eta, ln w) over 96 runs, frequencies anywhere within 10 %, process noise as in Q, elevator steps.
 
-    Never above the chi-square bound, and at 5 s not below it either; before, the filter believes a deviation of 10 %
-    where a uniform +-10 % has 5.8 %.
+    Never above the chi-square bound, and at 5 s not below it either. Earlier, the filter assumes a deviation of 10 %,
+    and the uniform +-10 % of the runs has 5.8 %.
     """
     rng, runs, P0 = np.random.default_rng(300), 96, np.array([0.09, 9.0, 0.09, 9.0])
     factors = rng.uniform(0.9, 1.1, (runs, 2))
@@ -319,8 +319,8 @@ def test_consistent_where_the_plant_has_the_noise_that_it_believes():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("move", [steps, buzz])
-def test_a_single_extended_filter_settles_on_the_wrong_mode(move):
-    """Why nine: from nominal frequencies, all of the deviation in one filter, both modes 10 % low, modes shaken."""
+def test_single_extended_filter_converges_to_wrong_frequencies(move):
+    """Reason for nine hypotheses. Start at nominal frequencies; both modes are 10 % low and excited."""
     one = to_arrays(AdaptiveFlexibleModeFilter(deviation=(0.1 / SHARE,) * 2))
     seeds = range(300, 308)
     flown = fly_many([(0.9, 0.9)] * 8, AdaptiveFlexibleModeFilter(), seeds, move)

@@ -1,4 +1,4 @@
-"""The filter of the bending modes: its model, the acceptance checks, and what tells it from an observer switched off.
+"""The filter of the bending modes: its model, the acceptance checks, and the difference to an observer without update.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -59,7 +59,7 @@ def _chi(x):
     return RigidFlight(x.h, x.V * jnp.sin(x.theta - x.alpha), x.V, x.alpha, x.q)
 
 
-def test_model_is_the_closed_form():
+def test_modal_model_matches_the_closed_form():
     """The oracle's A_eta, C and poles -0.30596 +- 16.0147i, -0.34506 +- 18.3930i."""
     A, C = (np.asarray(m) for m in modal_dynamics(Hypersonic()))
     np.testing.assert_allclose(A, A_PARKER, rtol=2e-8)
@@ -74,7 +74,7 @@ def test_model_is_the_closed_form():
 
 
 @pytest.mark.parametrize("kmode", KMODES)
-def test_model_is_linear_in_the_modes_for_every_reading(kmode):
+def test_modal_model_matches_vehicle_in_every_interpretation(kmode):
     """eta' and Q' of the vehicle itself are A eta + b and C eta + d + M/Iyy, anywhere."""
     craft, x, u = trim(kmode)
     A, C = modal_dynamics(craft)
@@ -89,7 +89,7 @@ def test_model_is_linear_in_the_modes_for_every_reading(kmode):
         assert float(C @ eta + d + rigid) == pytest.approx(float(rate.q), rel=1e-9)
 
 
-def test_check_07_rank_and_time_constant():
+def test_check_07_modes_are_observable_and_published_filter_slow():
     """Rank 4; with the printed setting the slowest time constant is open loop's to 0.1 %."""
     scaled = A_PARKER / 20
     seen = np.stack([C_PARKER @ np.linalg.matrix_power(scaled, k) for k in range(4)])
@@ -107,7 +107,7 @@ def test_check_07_rank_and_time_constant():
 
 
 @pytest.mark.parametrize(("R", "constant"), [(10, 3.27), (1e-5, 3.21), (1e-7, 1.61), (1e-8, 0.80)])
-def test_how_much_the_noise_must_fall_for_the_filter_to_matter(R, constant):
+def test_filter_time_constant_decreases_with_measurement_noise(R, constant):
     """Oracle, `constant`: steady gain of the continuous filter with Q = 1e-5 I."""
     A, C = (np.asarray(m) for m in modal_dynamics(Hypersonic()))
     C = C[None]
@@ -116,8 +116,8 @@ def test_how_much_the_noise_must_fall_for_the_filter_to_matter(R, constant):
 
 
 @pytest.mark.thorough
-def test_check_07_printed_setting_beside_no_update():
-    """Error at 9-10 s below 8 % of that at 0-1 s. **No measurement at all passes it too.**"""
+def test_check_07_published_setting_is_barely_better_than_no_update():
+    """Error at 9-10 s below 8 % of that at 0-1 s. **A filter without any measurement passes this check too.**"""
     for name in ("printed", "none"):
         errors = _errors(name, 0.0)[0]
         assert (rms(errors, 9, 10) < 0.08 * rms(errors, 0, 1)).all(), name
@@ -126,8 +126,8 @@ def test_check_07_printed_setting_beside_no_update():
 
 
 @pytest.mark.thorough
-def test_without_update_the_error_is_that_of_the_damping():
-    """The observer switched off has the error expm(A t) e0 and nothing else: its convergence is no one's merit."""
+def test_error_without_update_follows_modal_damping():
+    """The observer switched off has the error expm(A t) e0 and nothing else: the damping alone makes it converge."""
     craft, x, _ = trim()
     truth = np.array([float(getattr(x, n)) for n in NAMES])
     A = np.asarray(modal_dynamics(craft)[0])
@@ -136,7 +136,7 @@ def test_without_update_the_error_is_that_of_the_damping():
 
 
 @pytest.mark.thorough
-def test_check_08_filter_does_work():
+def test_check_08_filter_reduces_the_error():
     """At 4-5 s 10 times (mode 1) and 8 times (mode 2) below no-update, each of 8 seeds."""
     none = rms(_errors("none", 0.0)[0], 4, 5)
     gain = none / rms(_errors("accurate", 0.01, 8), 4, 5)
@@ -147,8 +147,8 @@ def test_check_08_filter_does_work():
 
 
 @pytest.mark.thorough
-def test_the_trap_an_observer_switched_off_fails_check_08():
-    """What only a filter that uses its measurements does; the printed setting is not one that does."""
+def test_filters_that_ignore_measurements_fail_check_08():
+    """Only a filter that uses its measurements passes check 08. The printed setting hardly uses them."""
     none = rms(_errors("none", 0.0)[0], 4, 5)
     for name in ("none", "printed"):
         assert (none / rms(_errors(name, 0.0)[0], 4, 5)).max() < 1.5, name
@@ -162,7 +162,7 @@ def test_the_trap_an_observer_switched_off_fails_check_08():
         ("printed", 0.0, (0.380, 5.97, 0.165, 2.78), (0.104, 1.72, 0.026, 0.42)),
     ],
 )
-def test_table_of_settings(name, noise, early, late):
+def test_errors_of_settings_match_the_oracle(name, noise, early, late):
     """Oracle, filter, the rows without noise; 4-5 s to 2 %."""
     errors = _errors(name, noise)[0]
     np.testing.assert_allclose(rms(errors, 0, 1), early, rtol=0.01)
@@ -172,7 +172,7 @@ def test_table_of_settings(name, noise, early, late):
 @pytest.mark.parametrize(
     ("name", "floor"), [("equal", (0.036, 0.19, 0.015, 0.79)), ("tuned", (0.0775, 1.55, 0.0085, 0.19))]
 )
-def test_settings_for_robustness_have_their_floor(name, floor):
+def test_robust_settings_have_the_expected_error_floor(name, floor):
     """Oracle, filter, for equal noise, at 4-5 s and at 9-10 s; what is measured for the default."""
     errors = _errors(name, 0.01, 4)
     for window in ((4, 5), (9, 10)):
@@ -180,7 +180,7 @@ def test_settings_for_robustness_have_their_floor(name, floor):
         np.testing.assert_allclose(rms(errors, *window).mean(0), floor, rtol=0.15)
 
 
-def test_innovation_needs_the_affine_part():
+def test_omitting_the_affine_term_biases_the_estimate():
     """Errata, item 10: without d truth minus estimate of the rates is (-0.174, -0.491) at R = 1e-4."""
     craft, x, u = trim()
     d = float(forcing(craft, _chi(x), u)[1])
@@ -196,7 +196,7 @@ def test_innovation_needs_the_affine_part():
 
 
 @pytest.mark.thorough
-def test_filter_is_the_dense_one():
+def test_filter_matches_dense_textbook_filter():
     """Oracle: predict and update as in a textbook, scipy's exponentials, on a flight that shakes, noise and all."""
     craft, x, u = trim()
     _, estimate, P_got = fly(craft, x, u, FlexibleModeFilter(), 3, 0.01, wobble)
@@ -236,7 +236,7 @@ def test_innovation_is_measured_minus_expected():
 
 
 @pytest.mark.thorough
-def test_it_follows_modes_that_are_shaken():
+def test_filter_follows_excited_modes():
     """Forcing by elevator and angle of attack is known: without noise the error vanishes on a flight that shakes."""
     craft, x, u = trim()
     filters = FlexibleModeFilter(), FlexibleModeFilter(corrects=False)
@@ -245,7 +245,7 @@ def test_it_follows_modes_that_are_shaken():
 
 
 @pytest.mark.thorough
-def test_consistent_where_the_plant_has_the_noise_that_it_believes():
+def test_nees_and_nis_are_consistent_with_matching_noise():
     """NEES and NIS inside their chi-square bounds over 48 runs, process noise on the modes as in Q, for 2.5 s."""
     craft, x, u = trim()
     qacc, runs, n = 0.02, 48, 500
@@ -267,8 +267,8 @@ def test_consistent_where_the_plant_has_the_noise_that_it_believes():
     assert abs((r[:, 1:] * r[:, :-1]).mean()) < 4 / np.sqrt(r.size)
 
 
-def test_an_offset_of_the_accelerometer_is_learnt_and_told_from_bending():
-    """0.05 rad/s^2, a quarter of the signal: taken for bending where it is not estimated."""
+def test_accelerometer_offset_is_estimated_separately_from_bending():
+    """0.05 rad/s^2, a quarter of the signal. A filter that does not estimate it attributes it to bending."""
     craft, x, u = trim()
     errors, estimate, _ = fly(craft, x, u, FlexibleModeFilter(), 1, 0.01, offset=0.05)
     offset = estimate.state.offset
@@ -284,7 +284,7 @@ def test_an_offset_of_the_accelerometer_is_learnt_and_told_from_bending():
 
 
 @pytest.mark.parametrize("detuned", [0.9, 1.1])
-def test_modes_off_by_a_tenth(detuned):
+def test_error_is_bounded_with_detuned_modes(detuned):
     """A plant whose frequencies are 10 % off: the filter stays finite, eta1 within 0.32.
 
     At a trim no setting is better than another in the displacements: they are where N/w^2 of the wrong w is. What the
@@ -308,7 +308,7 @@ def _frame(t, x, u, acceleration, **changes):
 
 
 @pytest.mark.thorough
-def test_what_is_not_finite_is_not_used():
+def test_nan_measurements_are_not_used():
     _, x, u = trim()
     one = FlexibleModeFilter()
     assert isinstance(one, Estimator)
@@ -329,7 +329,7 @@ def test_what_is_not_finite_is_not_used():
 
 
 @pytest.mark.thorough
-def test_an_acceleration_that_stays_is_used_once():
+def test_held_acceleration_sample_is_used_once():
     _, x, u = trim()
     one = FlexibleModeFilter()
     step = jax.jit(one.step)
@@ -344,7 +344,7 @@ def test_an_acceleration_that_stays_is_used_once():
 
 
 @pytest.mark.thorough
-def test_nothing_is_valid_before_flight_and_input_are_known():
+def test_estimate_is_invalid_before_flight_and_input_arrive():
     _, x, u = trim()
     one = FlexibleModeFilter()
     frame = _frame(0, x, u, 0.1)
@@ -358,7 +358,7 @@ def test_nothing_is_valid_before_flight_and_input_are_known():
 
 
 @pytest.mark.thorough
-def test_an_autopilot_of_1_ms_changes_nothing():
+def test_faster_autopilot_period_does_not_change_the_estimate():
     """Between its instants the filter holds; a sample is used once."""
     _, x, u = trim()
     one = FlexibleModeFilter()
@@ -375,7 +375,7 @@ def test_an_autopilot_of_1_ms_changes_nothing():
             assert float(out.state.eta1) == float(want.state.eta1)
 
 
-def test_refusals():
+def test_rejects_invalid_parameters():
     FlexibleModeFilter().check()
     for wrong in ({"Q": (1.0, -1.0, 1.0, 1.0)}, {"P0": (1.0, np.nan, 1.0, 1.0)}, {"R": np.inf}, {"period": ms(80)}):
         with pytest.raises(InputError):
@@ -383,7 +383,7 @@ def test_refusals():
     FlexibleModeFilter(craft=Hypersonic(modes=FlexibleModes().detune(1.1))).check()
 
 
-def test_offset_walks_by_its_density_times_the_period():
+def test_offset_variance_grows_by_density_times_period():
     one = FlexibleModeFilter(offset_walk=0.3)
     _, x, u = trim()
     _, P = jax.jit(lambda: one.predict(one.model(), jnp.zeros(5), jnp.eye(5), _chi(x), u))()

@@ -54,7 +54,7 @@ def undisturbed():
 
 
 @pytest.mark.thorough
-def test_the_estimate_is_good_and_its_sigmas_are_honest(undisturbed):
+def test_errors_stay_within_sigmas_without_faults(undisturbed):
     state, (told, _) = undisturbed
     assert sigmas_off(state) < 4.5
     assert state.sigma_heading[-1] < 0.01
@@ -67,7 +67,7 @@ def test_the_estimate_is_good_and_its_sigmas_are_honest(undisturbed):
 
 
 @pytest.mark.thorough
-def test_all_forms_agree_where_the_model_is_linear():
+def test_all_forms_agree_on_a_linear_model():
     """To 1e-9: the three of the dual filter on any flight, the coupled one once its Jacobian's force is 0."""
     decoupled = AidedInertialCoupled(**PARTS, smoothing=1e15, rest="correct")
     forms = [AidedInertialFeedforward(**PARTS), AidedInertialDirect(**PARTS), decoupled, FEEDBACK]
@@ -106,7 +106,7 @@ def test_late_positions_are_fused_when_they_were_measured(made):
     np.testing.assert_allclose(belief.P, want.P, atol=1e-9)
 
 
-def test_what_is_too_late_is_counted_and_not_used():
+def test_measurements_too_late_are_counted_and_ignored():
     sent = good()
     sent.fix_t[600] = 10 * TICK
     state, _ = flown(sent)
@@ -123,7 +123,7 @@ def test_nan_samples_are_flagged_and_not_used():
     assert sigmas_off(state) < 4.5
 
 
-def test_duplicates_change_nothing(undisturbed):
+def test_duplicate_samples_are_counted_and_ignored(undisturbed):
     sent = good()
     again = np.arange(N) % 15 == 1
     sent.fix[again], sent.fix_t[again] = sent.fix[np.flatnonzero(again) - 1], sent.fix_t[np.flatnonzero(again) - 1]
@@ -132,7 +132,7 @@ def test_duplicates_change_nothing(undisturbed):
     np.testing.assert_array_equal(belief.x, undisturbed[1][1].x)
 
 
-def test_an_imu_whose_time_runs_backwards_is_flagged_and_the_covariance_grows():
+def test_backwards_imu_time_is_flagged_and_grows_covariance():
     sent = good()
     sent.felt_t[700:] -= 400 * TICK
     state, (told, _) = flown(sent)
@@ -145,7 +145,7 @@ def test_an_imu_whose_time_runs_backwards_is_flagged_and_the_covariance_grows():
     assert sigmas_off(state, stale=range(700, 707)) < 4.5  # before it coasts the estimate is of its own age
 
 
-def test_the_autopilots_own_clock_running_backwards_is_counted():
+def test_backwards_autopilot_clock_is_counted():
     sent = good()
     now = sent.now.copy()
     now[500] = now[490]
@@ -155,7 +155,7 @@ def test_the_autopilots_own_clock_running_backwards_is_counted():
     assert sigmas_off(state) < 4.5
 
 
-def test_a_frozen_imu_is_flagged_and_distrusted():
+def test_frozen_imu_is_flagged_and_distrusted():
     sent = good()
     sent.imu_reading[600:] = sent.imu_reading[600]
     state, _ = flown(sent)
@@ -166,8 +166,8 @@ def test_a_frozen_imu_is_flagged_and_distrusted():
     assert sigmas_off(flown(sent, trusting)[0], 700) > 10
 
 
-def test_an_imu_behind_its_low_pass_is_taken_at_the_time_that_it_tells_of():
-    """Three samples late in swings of 3 rad/s: taken as of now, the heading is behind, and the filter does not know."""
+def test_low_pass_lag_of_the_imu_is_compensated():
+    """Three samples late in swings of 3 rad/s: without compensation the heading lags beyond its sigma."""
     late, sent = 3, good()
     swing = 3 * np.sin(6 * DT * np.arange(N))
     turned = np.cumsum((swing + np.append(0, swing[:-1])) / 2 * DT)
@@ -183,7 +183,7 @@ def test_an_imu_behind_its_low_pass_is_taken_at_the_time_that_it_tells_of():
     assert np.abs(behind).max() > 4 * np.abs(error).max()
 
 
-def test_a_frozen_position_sensor_is_left_out_and_the_covariance_grows():
+def test_frozen_position_sensor_is_ignored_and_covariance_grows():
     sent = good()
     sent.fix[300:] = sent.fix[300]
     state, _ = flown(sent._replace(fix_fresh=np.arange(N) % 5 == 0))
@@ -194,7 +194,7 @@ def test_a_frozen_position_sensor_is_left_out_and_the_covariance_grows():
     assert sigmas_off(state, 700) < 6
 
 
-def test_losing_all_positions_grows_the_covariance_and_leaves_no_lasting_error():
+def test_position_outage_grows_covariance_and_recovers():
     sent = good()
     gone = (np.arange(N) > 300) & (np.arange(N) < 900)
     state, _ = flown(sent._replace(fix_fresh=sent.fix_fresh & ~gone))
@@ -205,7 +205,7 @@ def test_losing_all_positions_grows_the_covariance_and_leaves_no_lasting_error()
     assert state.position_fix.rejected[-1] == 0
 
 
-def test_a_saturated_gyro_is_flagged_and_not_taken_for_bias():
+def test_saturated_gyro_is_flagged_without_corrupting_bias():
     """Turning at 1.5 rad/s beyond its range for 1 s; the source's filter put the difference into the bias."""
     sent, extra = good(), np.zeros(N)
     extra[500:650] = 7.0
@@ -228,7 +228,7 @@ def test_a_saturated_gyro_is_flagged_and_not_taken_for_bias():
     assert np.abs(naive.heading - truth.heading)[500:].max() > 0.5  # the gate shuts the magnetometer out instead
 
 
-def test_a_compass_beside_a_motor_is_rejected_and_flagged():
+def test_disturbed_compass_is_rejected_and_flagged():
     sent = good()
     sent.heading[500:800] += 0.6
     state, _ = flown(sent)
@@ -238,8 +238,8 @@ def test_a_compass_beside_a_motor_is_rejected_and_flagged():
     assert sigmas_off(state) < 4.5
 
 
-def test_positions_that_stay_elsewhere_are_believed_in_the_end_and_flagged():
-    """A beacon moved by 0.5 m: five fixes are refused, then the filter gives in, with a covariance to match."""
+def test_persistent_position_offset_is_finally_accepted_and_flagged():
+    """A beacon moved by 0.5 m: five fixes are rejected, then the filter accepts them with a larger covariance."""
     sent = good()
     moved = np.arange(N) >= 400
     sent.fix[moved] += np.array([0.5, 0.0])
@@ -258,7 +258,7 @@ def test_positions_that_stay_elsewhere_are_believed_in_the_end_and_flagged():
     assert (np.diff(alone.sigma_north[405:until]) > 0).all()
 
 
-def test_one_outlier_in_ten_does_not_throw_it_off():
+def test_ten_percent_position_outliers_are_rejected():
     """Of 10 Hz fixes, by up to 3 m (here of positions)."""
     sent, g = good(), np.random.default_rng(5)
     due = np.flatnonzero(sent.fix_fresh)
@@ -290,7 +290,7 @@ def test_lever_arms_are_taken_into_account():
     assert sigmas_off(flown(sent)[0]) > 8
 
 
-def test_it_is_not_valid_before_imu_heading_and_position_have_come():
+def test_estimate_is_invalid_before_all_sensors_arrive():
     sent = good()
     sent = sent._replace(heading_fresh=np.arange(N) >= 20, fix_fresh=sent.fix_fresh & (np.arange(N) >= 30))
     _, (told, _) = flown(sent)
@@ -306,13 +306,13 @@ def test_it_is_not_valid_before_imu_heading_and_position_have_come():
         (Intake(heading="imu"), "a name of its own"),
     ],
 )
-def test_an_intake_that_cannot_work_is_refused(intake, match):
+def test_rejects_invalid_intake(intake, match):
     with pytest.raises(InputError, match=match):
         AidedInertialFeedback(intake=intake).check()
     AidedInertialFeedback(intake=Intake(heading="")).check()
 
 
-def test_a_gap_of_the_imu_is_bridged_in_doubt():
+def test_imu_gap_is_bridged_with_growing_covariance():
     sent = good()
     state, _ = flown(sent._replace(felt_fresh=(np.arange(N) < 600) | (np.arange(N) >= 640)))
     assert float(FEEDBACK.intake.gap) == ms(40)
@@ -322,7 +322,7 @@ def test_a_gap_of_the_imu_is_bridged_in_doubt():
     assert sigmas_off(state, stale=range(600, 607)) < 4.5
 
 
-def test_positions_with_and_without_a_variance():
+def test_position_variance_defaults_to_the_noise_model():
     def numbers(**variance):
         return [float(x) for x in position_numbers(SimpleNamespace(north=1.0, east=2.0, **variance))]
 
@@ -336,7 +336,7 @@ def test_positions_with_and_without_a_variance():
         np.testing.assert_array_equal(noise.position_noise(none), noise.position * np.eye(2))
 
 
-def test_ranges_that_are_none_are_told_apart():
+def test_invalid_and_missing_ranges_are_distinguished():
     sent = SimpleNamespace(
         range=np.array([3.0, np.nan, 3.2, 0.0, np.inf]), arrived=np.array([True, True, False, True, True]), unit=1
     )

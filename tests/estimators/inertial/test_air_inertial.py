@@ -1,4 +1,4 @@
-"""What the F-16's law reads of unit, receiver and probes: the true flight where nothing errs, and nothing too early."""
+"""Estimate for the F-16's law from IMU, GNSS and air data: truth with ideal sensors, invalid before a fix."""
 
 import jax
 import numpy as np
@@ -32,7 +32,7 @@ NUMBERS = {
 
 @pytest.fixture(scope="module")
 def flight():
-    """Without errors of the sensors, but with the start that the filter is told."""
+    """Without sensor errors, but with the start errors that the filter assumes."""
     scenario = build("f16/gcas", {"navigation": "gnss-inertial"})
     for name in ("imu-noise", "imu-turn-on-bias", "imu-bias-walk", "gnss-noise", "gnss-latency"):
         scenario = scenario.without(name)
@@ -41,8 +41,8 @@ def flight():
     return scenario, simulate(scenario, seed=0, log_period=ms(5))
 
 
-def test_what_the_law_reads_is_the_flight_where_no_sensor_errs(flight):
-    """Against instruments without error, which find all of it from the motion in another way."""
+def test_estimate_equals_truth_with_ideal_sensors(flight):
+    """Oracle: ideal flight instruments, which compute the same numbers from the motion."""
     scenario, log = flight
     rows = np.arange(200, len(log), 2)  # from 1 s on, when it samples; surfaces as they acted up to there
     truth = F16State(**{n: log[f"truth.{n}"][rows] for n in F16State.__dataclass_fields__})
@@ -56,7 +56,7 @@ def test_what_the_law_reads_is_the_flight_where_no_sensor_errs(flight):
     assert np.abs(log["estimate.state.speed"][rows] - truth.speed).max() < 0.5  # of another atmosphere's table
 
 
-def test_nothing_is_flown_on_before_the_first_fix(flight):
+def test_estimate_is_invalid_before_the_first_fix(flight):
     _, log = flight
     valid, used = log["estimate.valid"], log["estimate.state.inertial.gnss_fix.used"]
     assert not valid[0]

@@ -1,4 +1,4 @@
-"""Heading out of positions alone: derivative of the process, consistency, and what happens at rest."""
+"""Heading from positions alone: Jacobian of the process, consistency, and behaviour at rest."""
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ HERTZ = 153
 """Ticks between positions, near 1 s."""
 
 
-def test_the_transition_is_a_matrix_exponential():
+def test_transition_matches_matrix_exponential():
     c, s = np.cos(0.7), np.sin(0.7)
     B, f = np.array([[c, -s], [s, c]]), np.array([1.5, -0.4])
     A = np.zeros((8, 8))
@@ -30,7 +30,7 @@ def test_the_transition_is_a_matrix_exponential():
 
 
 @pytest.mark.thorough
-def test_the_transition_is_the_derivative_of_the_process():
+def test_transition_is_the_jacobian_of_the_process():
     """To the order of what a step turns; errors of biases are true minus estimated."""
     imu_reading = np.array([0.4, 1.5, -0.4])
     form = replace(FORM, smoothing=np.float64(0.0))
@@ -41,14 +41,14 @@ def test_the_transition_is_the_derivative_of_the_process():
     np.testing.assert_allclose(signs @ F @ signs, want, atol=3 * DT**2)
 
 
-def test_its_noise_is_that_of_the_dual_filters():
+def test_process_noise_equals_that_of_the_dual_filters():
     Q = np.asarray(jax.jit(coupled_process_noise)(np.array([9.0, 8, 1, 1, 3, 4]), 0.3, 0.0))
     np.testing.assert_allclose(Q, np.diag([9.0, 1, 1, 0, 0, 8, 3, 4]), atol=1e-14)
 
 
 @pytest.mark.thorough
-def test_a_lever_arm_shows_the_heading():
-    """The aided point 1 m ahead: its position to the side says how the vehicle points."""
+def test_lever_arm_makes_heading_observable():
+    """The aided point 1 m ahead: its lateral position measures the heading."""
     form = replace(FORM, arms=LeverArms(aiding=np.array([1.0, 0.0])), rest_sigmas=np.float64(0.0))
     node = form.correct_position(form.first(), np.array([1.0, 0.02]))
     slopes = jax.jacfwd(lambda p: jnp.stack([jnp.cos(p), jnp.sin(p)]))(0.0)
@@ -71,7 +71,7 @@ def accelerating():
 
 
 @pytest.mark.thorough
-def test_heading_from_positions_at_one_hertz(accelerating):
+def test_heading_is_estimated_from_positions_at_one_hertz(accelerating):
     """Heading 0.64 deg rms, NEES 7.1 of 8 from a 0.02 rad start error, on its own trajectory."""
     nees, flown, _ = accelerating
     error = np.asarray(flown.error)[:, :, 0]
@@ -91,8 +91,8 @@ def resting():
 
 
 @pytest.mark.thorough
-def test_at_rest_the_heading_drifts_and_the_filter_says_so(resting):
-    """30 deg in 60 s, and overconfidence; considered instead of corrected it stays honest."""
+def test_heading_drift_at_rest_is_covered_by_covariance(resting):
+    """30 deg in 60 s. Correcting heading and gyro bias at rest is overconfident; considering them stays consistent."""
     own = {}
     for how, (_, flown, _) in resting.items():
         error, P = np.asarray(flown.error)[:, -1, 0], np.asarray(flown.P)[:, -1, 0, 0]
@@ -106,7 +106,7 @@ def test_at_rest_the_heading_drifts_and_the_filter_says_so(resting):
 
 
 @pytest.mark.thorough
-def test_giving_in_finds_back_what_the_gate_had_shut_out():
+def test_gate_patience_recovers_rejected_positions():
     """0.5 rad start error at 1 Hz: linearisation throws some runs off so far that all positions are refused."""
     n = int(24 / DT)
     lost = []
@@ -120,7 +120,7 @@ def test_giving_in_finds_back_what_the_gate_had_shut_out():
 
 
 @pytest.mark.thorough
-def test_a_large_first_error_makes_it_too_sure():
+def test_large_initial_heading_error_makes_filter_optimistic():
     """NEES 11 from 0.5 rad, linearisation."""
     n = int(24 / DT)
     form = replace(FORM, start=replace(FORM.start, sigma_heading=np.float64(0.5)))
@@ -131,14 +131,14 @@ def test_a_large_first_error_makes_it_too_sure():
 
 
 @pytest.mark.thorough
-def test_nees_over_500_seeds_for_forty_seconds():
+def test_nees_over_500_seeds_is_consistent_for_40_s():
     n = int(40 / DT)
     nees, _, _ = monte_carlo(FORM, weave(ticks(n)), n=n, every=15, reads=False, runs=500, keep=100)
     assert nees_verdict(np.asarray(nees), 8).verdict == CONSISTENT
 
 
 @pytest.mark.thorough
-def test_its_step_exports():
+def test_step_lowers_to_generated_c():
     form = to_arrays(AidedInertialCoupled())
     state, now = form.init(key(0)), np.int64(TICK)
     one = np.ones(1, bool)

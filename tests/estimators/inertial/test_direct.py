@@ -16,7 +16,7 @@ FORM = to_arrays(AidedInertialDirect(noise=MEMS, start=NEAR))
 
 
 @pytest.mark.thorough
-def test_covariances_move_with_the_derivative_of_the_process():
+def test_covariance_propagation_uses_the_process_jacobian():
     """Against automatic derivatives of propagate() itself, with the heading held for the second filter."""
     g = np.random.default_rng(0)
     x1, x2 = g.standard_normal(2), g.standard_normal(6)
@@ -46,7 +46,7 @@ def test_innovations_are_measured_minus_predicted():
     assert (refused.used, refused.rejected, refused.rejected_in_a_row) == (1, 1, 1)
 
 
-def test_a_position_is_that_of_the_aided_point():
+def test_predicted_position_includes_the_lever_arms():
     """What is predicted is the IMU's position and the lever arm, turned by the heading."""
     form = replace(FORM, arms=replace(FORM.arms, imu=np.array([0.1, 0.0]), aiding=np.array([0.3, 0.4])))
     node = replace(form.first(), x1=np.array([np.pi / 2, 0.0]), P1=np.zeros((2, 2)))
@@ -64,7 +64,7 @@ def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
 
 
 @pytest.mark.thorough
-def test_its_step_exports():
+def test_step_lowers_to_generated_c():
     form = to_arrays(AidedInertialDirect())
     state, now = form.init(key(0)), np.int64(TICK)
     one = np.ones(1, bool)

@@ -28,14 +28,14 @@ def rotation(a):
     return np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
 
 
-def test_transitions_are_matrix_exponentials():
+def test_transitions_match_matrix_exponentials():
     np.testing.assert_allclose(heading_transition(0.3), expm(0.3 * np.array([[0.0, 1], [0, 0]])), rtol=1e-14)
     A = np.zeros((6, 6))
     A[:2, 4:], A[2:4, :2] = rotation(0.7), np.eye(2)
     np.testing.assert_allclose(motion_transition(0.3, 0.7), expm(0.3 * A), atol=1e-15)
 
 
-def test_noise_enters_along_the_body():
+def test_process_noise_acts_along_body_axes():
     G = np.zeros((6, 4))
     G[:2, :2], G[4:, 2:] = rotation(0.7), np.eye(2)
     growth = np.array([9.0, 9.0, 1.0, 2.0, 3.0, 4.0])
@@ -45,7 +45,7 @@ def test_noise_enters_along_the_body():
     np.testing.assert_allclose(heading_process_noise(growth, 0.0), np.diag([9.0, 9.0]))
 
 
-def test_noise_over_a_long_step_is_that_of_many_short_ones():
+def test_noise_of_one_long_step_equals_many_short_steps():
     noise, none = InertialNoise(gyro_walk=0.3, force_walk=0.7), np.zeros(2)
     n, T = 400, 2.0
     dt = T / n
@@ -62,7 +62,7 @@ def test_noise_over_a_long_step_is_that_of_many_short_ones():
     assert InertialNoise(covariance="literal").integration_time(jnp.asarray(T)) == 0
 
 
-def test_covariance_settings_by_their_units():
+def test_literal_and_consistent_covariances_have_expected_growth():
     """At the tick, literal adds the printed numbers; consistent dt^2 times white noise and dt times walks."""
     printed = [4.9e-4, 5e-4, 3.4e-2, 2.7e-2, 5e-4, 5e-4]
     literal = InertialNoise(covariance="literal").growth(DT, np.zeros(2))
@@ -73,7 +73,7 @@ def test_covariance_settings_by_their_units():
     np.testing.assert_allclose(halves, mended, rtol=1e-12)  # what is split adds up
 
 
-def test_doubt_lets_a_state_wander():
+def test_untrusted_samples_increase_the_process_noise():
     calm, gyro, both = (np.asarray(InertialNoise().growth(0.5, np.array(d))) for d in ([0.0, 0], [1.0, 0], [1.0, 1]))
     np.testing.assert_allclose(gyro - calm, [0.5, 0, 0, 0, 0, 0], atol=1e-15)
     np.testing.assert_allclose(both - gyro, [0, 0, 2.0, 2.0, 0, 0], atol=1e-15)
@@ -85,7 +85,7 @@ GROWTH = {"literal": np.diag([4.9e-4, 5e-4]), "consistent": np.diag([4.9e-4 * DT
 
 
 @pytest.mark.parametrize("covariance", GROWTH)
-def test_steady_gains_of_the_heading_filter(covariance):
+def test_steady_heading_gains_match_the_riccati_solution(covariance):
     """Against scipy's solution of the Riccati equation: (0.795, 0.800) as printed, (0.0438, 0.140) mended."""
     H = np.array([[1.0, 0.0]])
     P = solve_discrete_are(np.array([[1.0, 0.0], [DT, 1.0]]), H.T, GROWTH[covariance], np.array([[1.6e-4]]))
@@ -103,7 +103,7 @@ def test_steady_gains_of_the_heading_filter(covariance):
     np.testing.assert_allclose(K[-1], gains, rtol=1e-6)
 
 
-def test_belief_covariance_puts_blocks_and_signs_where_they_belong():
+def test_belief_covariance_places_blocks_and_signs_correctly():
     g = np.random.default_rng(0)
     A, B = g.standard_normal((2, 2)), g.standard_normal((6, 6))
     P1, P2 = A @ A.T, B @ B.T
@@ -115,5 +115,5 @@ def test_belief_covariance_puts_blocks_and_signs_where_they_belong():
     assert not P[np.ix_([0, 5], rest)].any()
 
 
-def test_a_turning_lever_arm_is_noise():
+def test_heading_variance_adds_lever_arm_noise():
     np.testing.assert_allclose(lever_arm_noise(np.eye(2), np.array([0.0, 2.0]), 0.25), [[1, 0], [0, 2]])

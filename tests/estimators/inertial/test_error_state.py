@@ -67,7 +67,7 @@ def jacobian():
 
 
 @pytest.mark.thorough
-def test_transition_is_the_derivative_of_the_mechanisation(jacobian):
+def test_transition_is_the_jacobian_of_the_mechanisation(jacobian):
     """Of attitude, velocity, position to rounding; of biases as for a constant rate, of the place a constant force."""
     x = first_nominal(START, 15)
     F = np.asarray(transition(quaternion.to_matrix(x.attitude), ride(x).span))
@@ -81,7 +81,7 @@ def test_transition_is_the_derivative_of_the_mechanisation(jacobian):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("n", [15, 17])
-def test_the_covariance_is_carried_as_by_dense_matrices(n):
+def test_covariance_propagation_matches_dense_matrices(n):
     rng = np.random.default_rng(3)
     A = rng.normal(size=(n, n))
     P, noise = jnp.asarray(A @ A.T), SpatialNoise()
@@ -97,8 +97,8 @@ def test_the_covariance_is_carried_as_by_dense_matrices(n):
     np.testing.assert_array_equal(carried, carried.T)
 
 
-def test_noise_of_the_force_becomes_velocity_and_place():
-    """The integral of white noise, twice: T, T²/2, T³/3; and doubt adds to it."""
+def test_force_noise_integrates_to_velocity_and_position():
+    """The integral of white noise, twice: T, T²/2, T³/3. Untrusted samples add to it."""
     noise = SpatialNoise(force=0.1, gyro=0.2, untrusted_rate=3.0)
     Q = np.asarray(process_noise(noise, 2.0, 0.0, 15))
     np.testing.assert_allclose([Q[4, 4], Q[4, 7], Q[7, 4], Q[7, 7]], 0.01 * np.array([2.0, 2.0, 2.0, 8 / 3]))
@@ -109,7 +109,7 @@ def test_noise_of_the_force_becomes_velocity_and_place():
 
 
 @pytest.mark.thorough
-def test_catching_up_at_once_or_sample_by_sample_is_nearly_the_same():
+def test_single_catch_up_matches_propagation_per_sample():
     x, noise = first_nominal(START, 15), SpatialNoise()
     often = x
     for k in range(SAMPLES):
@@ -127,7 +127,7 @@ def random_update(seed, m=6):
 
 
 @pytest.mark.thorough
-def test_scalars_in_turn_do_what_the_dense_update_does():
+def test_sequential_scalar_updates_match_dense_update():
     P, y, H, R = random_update(5)
     f = fuse_scalars(jnp.asarray(P), jnp.asarray(y), jnp.asarray(H), jnp.asarray(R), jnp.ones(6, bool), jnp.inf)
     dense = update(jnp.zeros(15), jnp.asarray(P), jnp.asarray(y), jnp.asarray(H), jnp.diag(jnp.asarray(R)))
@@ -138,7 +138,7 @@ def test_scalars_in_turn_do_what_the_dense_update_does():
     assert f.used.all()
 
 
-def test_what_is_not_wanted_not_finite_or_outside_the_gate_changes_nothing():
+def test_unwanted_nan_and_gated_measurements_are_ignored():
     P, y, H, R = (jnp.asarray(v) for v in random_update(6))
     wanted = jnp.array([True, False, True, True, True, True])
     y = y.at[2].set(jnp.nan).at[3].set(1e4)
@@ -153,7 +153,7 @@ def test_what_is_not_wanted_not_finite_or_outside_the_gate_changes_nothing():
 
 
 @pytest.mark.thorough
-def test_the_covariance_stays_one_through_two_hundred_sharp_measurements():
+def test_covariance_stays_positive_definite_under_precise_measurements():
     """Known to a millimetre, from a hundred metres: symmetric and positive."""
     P = jnp.diag(jnp.asarray(START.sigmas(15)) ** 2).at[6, 6].set(1e4)
     rng = np.random.default_rng(9)
@@ -165,7 +165,7 @@ def test_the_covariance_stays_one_through_two_hundred_sharp_measurements():
 
 
 @pytest.mark.thorough
-def test_the_reset_has_the_derivative_of_the_group():
+def test_error_reset_matches_the_group_jacobian():
     """What is missing after a turn was put in: d log(Exp(-a) Exp(a + e)), to first order in a."""
     x = first_nominal(START, 15)
     a = jnp.concatenate([jnp.array([0.02, -0.03, 0.05]), jnp.zeros(12)])
@@ -180,7 +180,7 @@ def test_the_reset_has_the_derivative_of_the_group():
 
 
 @pytest.mark.thorough
-def test_a_state_takes_the_error_that_is_put_in():
+def test_nominal_state_absorbs_the_injected_error():
     x = first_nominal(START, 17)
     e = jnp.asarray(np.linspace(-0.1, 0.2, 17))
     after = put_error_in(x, e, x.P)

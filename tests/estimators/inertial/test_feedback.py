@@ -28,7 +28,7 @@ def alone(form, imu_reading, n):
 
 
 @pytest.mark.thorough
-def test_without_aiding_errors_grow_as_the_theorys_polynomials():
+def test_unaided_errors_grow_as_predicted_polynomials():
     """At rest with biases: heading b t, velocity and position of a force that turns away with it."""
     n = 1500  # 9.8 s; the first term left out, a b^3 t^4/24, stays below 4e-8
     b, a = 1e-3, np.array([0.1, -0.05])
@@ -45,7 +45,7 @@ def test_without_aiding_errors_grow_as_the_theorys_polynomials():
     np.testing.assert_allclose(straight[:, 1], a[0] * t, rtol=1e-10)
 
 
-def test_without_aiding_variances_grow_as_the_theorys_polynomials():
+def test_unaided_variances_grow_as_predicted_polynomials():
     noise = InertialNoise(gyro=1e-4, gyro_walk=1e-4, forward=1e-2, starboard=1e-2, force_walk=1e-3)
     form = to_arrays(AidedInertialFeedback(noise=noise, start=NEAR))
     n = 3000
@@ -73,13 +73,13 @@ def corrected(form, heading):
 
 
 @pytest.mark.parametrize("turns", [0.0, 2 * np.pi, -6 * np.pi])
-def test_a_heading_is_taken_the_short_way_round(turns):
+def test_heading_innovation_is_wrapped(turns):
     node = corrected(FORM, np.float64(0.01 + turns))
     assert 0 < node.heading < 0.01
 
 
 @pytest.mark.thorough
-def test_the_first_fix_takes_over_from_an_unknown_start():
+def test_first_fix_replaces_an_unknown_start():
     """As [1] does, which starts at the first measurement with its variance."""
     form = to_arrays(AidedInertialFeedback())
     node = form.correct_position(form.correct_heading(form.first(), np.float64(3.0)), np.array([4.0, -5.0]))
@@ -89,7 +89,7 @@ def test_the_first_fix_takes_over_from_an_unknown_start():
 
 
 @pytest.mark.thorough
-def test_its_step_exports():
+def test_step_lowers_to_generated_c():
     form = to_arrays(AidedInertialFeedback())
     state, now = form.init(key(0)), np.int64(TICK)
     one = np.ones(1, bool)

@@ -37,7 +37,7 @@ def turning():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("covariance", "heading", "nis"), [("literal", 0.58, 0.34), ("consistent", 0.13, 0.98)])
-def test_heading_error_and_nis_of_both_covariances(turning, covariance, heading, nis):
+def test_heading_error_and_nis_match_for_both_covariances(turning, covariance, heading, nis):
     """Heading 0.58 deg and NIS 0.34 as printed, 0.13 deg and 0.98 with the unit error mended."""
     error, told, _ = turning[covariance]
     assert np.rad2deg(np.sqrt(np.mean(error**2))) == pytest.approx(heading, rel=0.08)
@@ -45,14 +45,14 @@ def test_heading_error_and_nis_of_both_covariances(turning, covariance, heading,
 
 
 @pytest.mark.thorough
-def test_heading_of_the_magnetometer(turning):
+def test_magnetometer_heading_error_matches_table_6_7(turning):
     """Magnetometer: 0.45 to 0.70 deg, with the printed covariance ([1] table 6.7)."""
     error = turning["literal"][0]
     assert 0.45 <= np.rad2deg(np.sqrt(np.mean(error**2))) <= 0.70
 
 
 @pytest.mark.thorough
-def test_the_verdict_tells_the_printed_covariance_from_the_mended(turning):
+def test_consistency_verdict_separates_published_and_corrected_covariance(turning):
     assert nis_verdict(turning["literal"][1], 1).verdict == PESSIMISTIC
     assert not whiteness(turning["literal"][2][0]).white
     mended = nis_verdict(turning["consistent"][1], 1)
@@ -73,7 +73,7 @@ def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("form", ["feedforward", "feedback", "direct"])
-def test_nees_over_500_seeds_of_each_dual_form_for_half_a_minute(form):
+def test_nees_of_each_dual_form_is_consistent_for_30_s(form):
     from trimtab.estimators.inertial.direct import AidedInertialDirect
     from trimtab.estimators.inertial.feedback import AidedInertialFeedback
 
@@ -87,7 +87,7 @@ def test_nees_over_500_seeds_of_each_dual_form_for_half_a_minute(form):
 
 
 @pytest.mark.thorough
-def test_the_ins_itself_is_never_reset():
+def test_feedforward_never_resets_the_ins():
     """Without noise or aiding errors the INS drifts with its biases while the output does not."""
     form = to_arrays(AidedInertialFeedforward(noise=MEMS, start=NEAR))
     truth = weave(ticks(600))
@@ -117,7 +117,7 @@ def test_the_ins_itself_is_never_reset():
 
 
 @pytest.mark.thorough
-def test_its_functions_export():
+def test_filter_functions_lower_to_generated_c():
     form = to_arrays(AidedInertialFeedforward())
     node = form.first()
     assert lower_function(lambda f, n: f.propagate(n, np.float64(DT), np.zeros(3), np.zeros(2)), (form, node)).text("f")

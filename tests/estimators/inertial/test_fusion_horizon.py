@@ -1,4 +1,4 @@
-"""The window from the filter to now is what its samples make, whatever has gone through it."""
+"""The window from the filter's horizon to now equals the composition of its samples."""
 
 import jax
 import jax.numpy as jnp
@@ -36,7 +36,7 @@ def bias_at(k, change):
 
 @jax.jit
 def run(change):
-    """500 samples through a window of 20; the biases believed change by `change` (6,) ten samples before the end."""
+    """500 samples through a window of 20; the bias estimates change by `change` (6,) ten samples before the end."""
     add, take = add_sample, take_sample
 
     def step(k, window):
@@ -47,7 +47,7 @@ def run(change):
 
 
 @jax.jit
-def by_hand(window, bias):
+def composed_samples(window, bias):
     """The samples that wait, composed one by one with one bias."""
 
     def one(i, total):
@@ -61,18 +61,18 @@ correct = jax.jit(lambda window, bias: correct_window(window, bias[:3], bias[3:]
 
 
 @pytest.mark.thorough
-def test_what_went_in_and_out_leaves_only_what_waits():
+def test_window_motion_equals_composition_of_waiting_samples():
     """After 480 samples have left at the front: to rounding."""
     window = run(jnp.zeros(6))
     assert int(window.count) == 20
-    expected = by_hand(window, bias_at(0, jnp.zeros(6)))
+    expected = composed_samples(window, bias_at(0, jnp.zeros(6)))
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-11), window.motion, expected)
     np.testing.assert_allclose(window.entered, 0.02 * bias_at(0, 0.0), atol=1e-13)
 
 
 def left(window, bias, name):
     """What correct_window leaves of what is missing, and that itself."""
-    right, one = by_hand(window, bias), correct(window, bias)
+    right, one = composed_samples(window, bias), correct(window, bias)
     if name == "turn":
         both = quaternion.local(one.turn, right.turn), quaternion.local(window.motion.turn, right.turn)
     else:
@@ -84,7 +84,7 @@ CHANGE = jnp.array([0.004, -0.002, 0.003, 0.05, -0.04, 0.03])
 
 
 @pytest.mark.parametrize("name", ["turn", "velocity", "position"])
-def test_biases_learnt_just_now_are_put_right_to_first_order(name):
+def test_bias_change_at_window_end_is_corrected_to_first_order(name):
     """All samples entered with the old ones: what is left is of the order of the turn in the window, 2 %."""
     after, before = left(run(jnp.zeros(6)), bias_at(0, jnp.zeros(6)) + CHANGE, name)
     assert before > 1e-6
@@ -92,21 +92,21 @@ def test_biases_learnt_just_now_are_put_right_to_first_order(name):
 
 
 @pytest.mark.parametrize(("name", "part"), [("turn", 0.02), ("velocity", 0.02), ("position", 0.4)])
-def test_biases_learnt_half_a_window_ago_are_put_right_but_for_when(name, part):
+def test_bias_change_within_window_is_mostly_corrected(name, part):
     """The older half entered with the old ones; the place is corrected as if all had, a little: a third is left."""
     after, before = left(run(CHANGE), bias_at(499, CHANGE), name)
     assert before > 1e-6
     assert after < part * before
 
 
-def test_a_window_without_a_change_is_told_as_it_is():
+def test_correction_without_bias_change_is_identity():
     window = run(jnp.zeros(6))
     bias = bias_at(0, 0.0)
     one = correct(window, bias)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-11), one, window.motion)
 
 
-def test_the_first_sample_is_no_motion_and_a_full_ring_gives_way():
+def test_first_sample_adds_no_motion_and_full_window_is_due():
     window = add_sample(jax.tree.map(jnp.asarray, empty_window(2)), ms(5), jnp.ones(6), jnp.zeros(6), 0.0)
     assert float(window.motion.time) == 0
     np.testing.assert_array_equal(window.motion.velocity, 0)
@@ -117,7 +117,7 @@ def test_the_first_sample_is_no_motion_and_a_full_ring_gives_way():
     assert int(taken.t) == ms(5)
 
 
-def test_fixes_wait_in_order_and_there_is_room_for_four():
+def test_fix_queue_is_ordered_and_holds_four():
     fixes = jax.tree.map(jnp.asarray, no_fixes(2))
     add, take = jax.jit(add_fix), jax.jit(next_fix)
     for k in range(FIXES):

@@ -1,4 +1,4 @@
-"""GNSS and inertial navigation: equal to a dumb filter that keeps everything, consistent over flights, robust."""
+"""GNSS and inertial navigation: equal to a dense filter that stores all samples, consistent over flights, robust."""
 
 from functools import partial
 
@@ -52,7 +52,7 @@ def band(n, flights):
 # --- against a filter that keeps everything --------------------------------------------------------------------------
 
 
-def dumb_filter(form, samples, fixes, until):
+def dense_filter(form, samples, fixes, until):
     """State and P (15, 15) at the end of IMU sample `until`: dense, each sample, automatic derivatives, fixes in time.
 
     samples: (t, w, f) of each;  fixes: by the time at which each was made.
@@ -138,7 +138,7 @@ def recorded_flight(form, steps, latency):
 
 
 @pytest.mark.thorough
-def test_late_fixes_give_what_a_filter_gives_that_had_them_in_time():
+def test_late_fixes_match_a_filter_without_latency():
     """0.8 s, four fixes that come 120 ms late: at the horizon the state and P of the dense filter, up to how often P
     is carried on; and now, 150 ms later, the state of one that went on from there."""
     form = GnssInertial(lever_arm=np.array([0.5, -0.2, -0.3]), samples_per_propagation=5)
@@ -146,7 +146,7 @@ def test_late_fixes_give_what_a_filter_gives_that_had_them_in_time():
     assert int(state.gnss_fix.used) == 4
     horizon = 800 - 150
     assert int(state.t) == samples[horizon][0]
-    x, P = dumb_filter(form, samples, fixes, horizon)
+    x, P = dense_filter(form, samples, fixes, horizon)
     sigma = np.sqrt(np.diag(P))
     mine = state.nominal
     apart = np.concatenate(
@@ -192,7 +192,7 @@ def outside(values, n, flights):
 
 @needs_compiler
 @pytest.mark.thorough
-def test_errors_are_what_the_filter_believes_over_two_hundred_flights(flights):
+def test_nees_over_200_flights_is_consistent(flights):
     """NEES of all 15 and of each block of three; a mean lies outside by chance one time in twenty."""
     world, compiled = flights
     runs = 200
@@ -213,8 +213,8 @@ def test_errors_are_what_the_filter_believes_over_two_hundred_flights(flights):
 
 @needs_compiler
 @pytest.mark.thorough
-def test_what_two_hundred_flights_say_of_the_gyros_biases_is_chance(flights):
-    """Twelve looks at one flight are hardly twelve: a bias changes slowly. The sample is the mean over a flight.
+def test_nees_of_each_block_over_800_flights_is_consistent(flights):
+    """Twelve instants of one flight are correlated, as a bias changes slowly. The sample is the mean over a flight.
 
     Flights 1000 to 1799, none of which the test above sees: in the mean 3, within three of its standard errors (5 %).
     """
@@ -234,8 +234,8 @@ def test_what_two_hundred_flights_say_of_the_gyros_biases_is_chance(flights):
 
 @needs_compiler
 @pytest.mark.thorough
-def test_a_wrong_lever_arm_is_seen_in_the_errors(flights):
-    """0.5 m off: far outside of the band, by which the test above could fail. So are gyros ten times noisier."""
+def test_wrong_lever_arm_or_gyro_noise_breaks_consistency(flights):
+    """0.5 m off, or gyros ten times noisier: NEES is far outside of the band, so the tests above can fail."""
     world, compiled = flights
     runs = 40
     wrong = world._replace(form=replace(world.form, lever_arm=world.form.lever_arm + np.array([0.0, 0.5, 0.0])))
@@ -257,7 +257,7 @@ def turn_sigma(rate):
 
 
 @pytest.mark.thorough
-def test_heading_is_seen_in_a_turn_and_not_along_a_straight_line():
+def test_heading_is_observable_only_in_turns():
     first = SpatialStart().sigma_heading
     straight, turning = turn_sigma(0.01), turn_sigma(LAP)
     print(
@@ -279,7 +279,7 @@ def _one(form, t, state, frame):
 
 
 class Bench:
-    """A filter at rest on a bench, given samples by hand."""
+    """A filter at rest on a bench, fed with single samples."""
 
     def __init__(self, form=STILL):
         self.form, self.state, self.t = form, strengthen_types(form.init(key(0))), 0
@@ -303,7 +303,7 @@ class Bench:
 
 
 @pytest.mark.thorough
-def test_it_rests_where_the_fixes_say_and_is_valid_after_the_first():
+def test_estimate_at_rest_follows_fixes_and_becomes_valid():
     bench = Bench()
     told = bench.step(10)
     assert not bench.estimate.valid
@@ -318,7 +318,7 @@ def test_it_rests_where_the_fixes_say_and_is_valid_after_the_first():
 
 
 @pytest.mark.thorough
-def test_a_fix_older_than_the_horizon_is_late_and_changes_nothing():
+def test_fix_older_than_the_horizon_is_ignored():
     bench = Bench()
     bench.step(100)
     before = bench.step(1).position
@@ -329,7 +329,7 @@ def test_a_fix_older_than_the_horizon_is_late_and_changes_nothing():
 
 
 @pytest.mark.thorough
-def test_an_outlier_is_refused_and_the_filter_gives_in_to_many():
+def test_outlier_is_rejected_but_repeated_offset_accepted():
     bench = Bench(replace(STILL, patience=3))
     for _ in range(5):
         bench.step(30, fix=(0, 0, 0))
@@ -347,8 +347,8 @@ def test_an_outlier_is_refused_and_the_filter_gives_in_to_many():
 
 
 @pytest.mark.thorough
-def test_a_saturated_unit_is_doubted():
-    """A gyro at its limit says nothing: sigma of the attitude grows as `untrusted_rate` says."""
+def test_saturated_gyro_increases_attitude_sigma():
+    """The attitude sigma grows at `untrusted_rate` while the gyro is at its limit."""
     sure, unsure = Bench(), Bench()
     full = replace(AT_REST, gyro_saturated=np.bool_(True))
     for bench, imu in ((sure, AT_REST), (unsure, full)):
@@ -361,7 +361,7 @@ def test_a_saturated_unit_is_doubted():
 
 
 @pytest.mark.thorough
-def test_a_silent_unit_makes_the_estimate_invalid_and_the_gap_is_doubted():
+def test_imu_outage_invalidates_estimate_and_is_distrusted():
     bench = Bench()
     bench.step(30, fix=(0, 0, 0))
     told = bench.step(30)
@@ -387,7 +387,7 @@ def test_a_silent_unit_makes_the_estimate_invalid_and_the_gap_is_doubted():
     assert (np.asarray(told.sigma_velocity) > 0).all()
 
 
-def test_no_number_that_is_none_gets_in():
+def test_nan_and_infinite_samples_are_rejected():
     bench = Bench()
     bench.step(30, fix=(0, 0, 0))
     told = bench.step(30, fix=(np.nan, 0, 0))
@@ -402,14 +402,14 @@ def test_no_number_that_is_none_gets_in():
     ("changes", "part"),
     [({"slots": 1}, "slots"), ({"samples_per_propagation": 0}, "samples_per_propagation"), ({"gnss": "imu"}, "gnss")],
 )
-def test_what_can_not_work_is_refused(changes, part):
+def test_rejects_invalid_parameters(changes, part):
     with pytest.raises(InputError) as e:
         GnssInertial(**changes).check()
     assert e.value.part == part
 
 
 @pytest.mark.thorough
-def test_the_parts_of_the_flights_are_what_they_say():
+def test_start_error_of_flights_has_the_drawn_sigmas():
     """The truth of the statistics: its start is off by the sigmas that are drawn, and nothing else."""
     motion = truth(ClosedPath(coordinated=LAP), LAP, ms(1234))
     form = start_of(GnssInertial(), motion, jnp.asarray(np.arange(9.0)) / 10)

@@ -44,7 +44,7 @@ def measured(x, aiding):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("aiding", "n", "expect"), [("fixes", 15, expect_fix), ("ranges", 17, expect_ranges)])
-def test_expected_is_what_the_sensor_measures_and_its_derivative(aiding, n, expect):
+def test_prediction_and_jacobian_match_the_sensor(aiding, n, expect):
     """Of a state with an error put in; a gyro's bias that is missing turns the antenna too slowly."""
     x = state(n)
 
@@ -61,7 +61,7 @@ def test_expected_is_what_the_sensor_measures_and_its_derivative(aiding, n, expe
 
 
 @pytest.mark.thorough
-def test_a_fix_from_a_little_earlier_is_expected_there():
+def test_earlier_fix_is_predicted_at_its_time():
     x = state(15)
     value = measured(x, "fixes")
     e = expect_fix(x, value, -0.001, ARM, GnssNoise())
@@ -69,13 +69,13 @@ def test_a_fix_from_a_little_earlier_is_expected_there():
     np.testing.assert_allclose(e.y[3:], 0.001 * x.acceleration, atol=1e-12)
 
 
-def test_variances_are_those_of_the_receiver_and_down_has_its_own():
+def test_fix_variances_match_receiver_noise_per_axis():
     e = expect_fix(state(15), jnp.zeros(6), 0.0, ARM, GnssNoise(position=2.0, position_down=3.0, velocity=0.1))
     np.testing.assert_allclose(e.R, [4, 4, 9, 0.01, 0.01, 0.08**2])
 
 
 @pytest.mark.thorough
-def test_satellites_that_are_not_received_are_not_wanted():
+def test_missing_satellites_are_not_used():
     x = state(17)
     value = measured(x, "ranges").at[-8].set(0.0)
     wanted = np.asarray(expect_ranges(x, value, 0.0, ARM, GnssNoise()).wanted)
@@ -85,8 +85,8 @@ def test_satellites_that_are_not_received_are_not_wanted():
 
 
 @pytest.mark.thorough
-def test_the_first_ranges_set_the_clock():
-    """By those that are received; what is left is what does not hang on the clock."""
+def test_first_ranges_initialise_the_clock():
+    """From the received satellites only; the remaining innovations do not depend on the clock."""
     x = state(17)
     value = measured(x, "ranges").at[-8].set(0.0)
     off = replace(x, clock=jnp.zeros(2))

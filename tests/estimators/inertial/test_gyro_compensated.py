@@ -44,13 +44,13 @@ def flown(given):
     return jax.lax.scan(step, strengthen_types(BEHIND.init(key(0))), given)[1]
 
 
-def rates_told(given):
+def compensated_rates(given):
     """About z (n,)."""
     return np.asarray(flown(given.frames(PLAIN))[0])[:, 2]
 
 
 @pytest.mark.thorough
-def test_it_undoes_the_identified_gyro_and_the_navigation_sees_the_truth():
+def test_navigation_behind_compensator_matches_ideal_gyro():
     truth = turn(ticks(N))
     given = ride(truth, InertialNoise(gyro=1e-30, forward=1e-30, starboard=1e-30, heading=1e-12, position=1e-12))
     swung = given.imu_reading.copy()
@@ -68,9 +68,9 @@ def test_it_undoes_the_identified_gyro_and_the_navigation_sees_the_truth():
 
 
 @pytest.mark.thorough
-def test_rates_are_the_difference_equation():
+def test_compensated_rates_match_the_difference_equation():
     y = np.random.default_rng(0).normal(size=N)
-    got = rates_told(sampled(y))
+    got = compensated_rates(sampled(y))
     c = GyroCompensator()
     b0, past = 1 + c.a1 + c.a2, np.concatenate([[y[0], y[0]], y])
     wanted = (past[2:] + c.a1 * past[1:-1] + c.a2 * past[:-2]) / b0
@@ -79,7 +79,7 @@ def test_rates_are_the_difference_equation():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("spoilt", ["nan", "stale", "gap"])
-def test_spoilt_samples_do_not_stay_in_its_memory(spoilt):
+def test_bad_samples_do_not_persist_in_the_filter_state(spoilt):
     y = np.full(N, 0.7)
     given = sampled(y)
     if spoilt == "nan":
@@ -90,10 +90,10 @@ def test_spoilt_samples_do_not_stay_in_its_memory(spoilt):
     else:
         later = np.arange(N) * TICK + np.where(np.arange(N) >= 10, ms(50), 0)
         given = given._replace(now=later, felt_t=later)
-    np.testing.assert_allclose(rates_told(given), 0.7, atol=1e-12)
+    np.testing.assert_allclose(compensated_rates(given), 0.7, atol=1e-12)
 
 
-def test_it_refuses_what_the_navigation_refuses():
+def test_rejects_invalid_navigation_intake():
     with pytest.raises(Exception, match="slots"):
         CompensatedInertial(navigation=replace(PLAIN, intake=Intake(slots=2))).check()
 
@@ -116,7 +116,7 @@ def measured_response(compensator, f):
     return a + 1j * b
 
 
-def test_table_6_5_is_the_inverse_of_the_identified_gyro():
+def test_compensator_response_matches_table_6_5():
     """Compensated over uncompensated: gain 1 %, phase 0.006 rad, delay within 0.01 rad/w. [1] table 6.5, eq. 6.2."""
     f, gain, phase, after, phase_after, delay = TABLE.T
     got = np.array([measured_response(GyroCompensator(normalised=False), x) for x in f])
@@ -125,7 +125,7 @@ def test_table_6_5_is_the_inverse_of_the_identified_gyro():
     assert (np.abs(-np.angle(got) / (2 * np.pi * f) - delay * 1e-3) <= 0.01 / (2 * np.pi * f)).all()
 
 
-def test_it_undoes_the_identified_gyro_exactly():
+def test_compensator_inverts_the_identified_gyro_exactly():
     u = np.cumsum(np.random.default_rng(0).normal(size=200))
     for normalised in (True, False):
         gyro = IdentifiedGyro(normalised=normalised)
@@ -135,15 +135,15 @@ def test_it_undoes_the_identified_gyro_exactly():
         np.testing.assert_allclose(compensated(compensator, y), u, atol=1e-12)
 
 
-def test_both_carry_the_same_numbers():
-    """Sensors and estimators import nothing of each other: the identified numbers stand in both."""
+def test_gyro_and_compensator_have_equal_parameters():
+    """Sensors and estimators do not import each other, so both define the identified parameters."""
     gyro, compensator = IdentifiedGyro(), GyroCompensator()
     for name in (f.name for f in dataclasses.fields(GyroCompensator)):
         assert getattr(gyro, name) == getattr(compensator, name)
 
 
 @pytest.mark.parametrize(("normalised", "fastest", "white"), [(False, 7.02, 4.42), (True, 7.34, 4.62)])
-def test_it_amplifies_white_noise_and_most_of_all_half_the_sampling_rate(normalised, fastest, white):
+def test_compensator_amplifies_noise_up_to_nyquist_frequency(normalised, fastest, white):
     compensator = GyroCompensator(normalised=normalised)
     alternating, impulse = np.tile([1.0, -1.0], 20), np.eye(40)[10]
     assert np.abs(compensated(compensator, alternating))[10:].max() == pytest.approx(fastest, abs=0.01)
@@ -151,6 +151,6 @@ def test_it_amplifies_white_noise_and_most_of_all_half_the_sampling_rate(normali
 
 
 @pytest.mark.thorough
-def test_the_compensator_exports():
+def test_compensator_lowers_to_generated_c():
     compensator = GyroCompensator()
     lower_function(lambda c, s, y: c.compensate(s, y), (compensator, compensator.start(jnp.zeros(3)), jnp.zeros(3)))

@@ -115,8 +115,8 @@ def flight(seed, n=24):
 
 
 @pytest.mark.thorough
-def test_an_increment_is_what_the_imu_feels_and_not_the_jump_of_a_fix():
-    """Feedback form at rest that believes to move: a fix between the two times moves the place, and is no motion."""
+def test_inertial_increment_excludes_the_jump_of_a_fix():
+    """Feedback form started with a velocity. A fix between the two times moves the position, not the increment."""
     form = AidedInertialFeedback(start=InertialStart(velocity_north=0.5, velocity_east=-0.2))
     h = jax.tree.map(jnp.asarray, ring.empty_history(form.first(), 32))
     rate = 0.3
@@ -149,7 +149,7 @@ def _take(form, h, event):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(4))
-def test_late_and_disordered_is_as_in_time(seed):
+def test_late_and_unordered_measurements_match_sorted_filter(seed):
     """Positions come up to 15 samples late, in any order; the result is the sorted filter's (1e-9)."""
     imu, headings, positions = flight(seed)
     g = np.random.default_rng(100 + seed)
@@ -169,7 +169,7 @@ def test_late_and_disordered_is_as_in_time(seed):
 
 
 @pytest.mark.thorough
-def test_an_aiding_measurement_waits_for_the_imu():
+def test_aiding_measurement_waits_for_the_imu():
     imu, *_ = flight(9, n=4)
     early = [(int(2.5 * TICK), POSITION, np.array([3.0, 0.0])), (int(2.2 * TICK), HEADING, np.array([1.0]))]
     waiting, *_ = play([*imu[:3], *early])
@@ -182,7 +182,7 @@ def test_an_aiding_measurement_waits_for_the_imu():
 
 
 @pytest.mark.thorough
-def test_what_is_older_than_the_ring_or_the_first_sample_is_refused():
+def test_rejects_events_older_than_the_history():
     imu, *_ = flight(10, n=20)
     node, used, _ = play([*imu, (2 * TICK, POSITION, np.ones(2))], slots=8)
     assert not used[-1]
@@ -192,7 +192,7 @@ def test_what_is_older_than_the_ring_or_the_first_sample_is_refused():
 
 
 @pytest.mark.thorough
-def test_the_same_event_twice_is_known():
+def test_duplicate_event_is_used_once():
     imu, *_ = flight(11, n=6)
     fix = (2 * TICK, POSITION, np.ones(2))
     node, used, _ = play([*imu, fix, fix])
@@ -201,7 +201,7 @@ def test_the_same_event_twice_is_known():
 
 
 @pytest.mark.thorough
-def test_aiding_without_an_imu_does_not_push_the_last_state_out():
+def test_excess_fixes_do_not_evict_the_last_state():
     """Ten times more fixes than slots while the IMU is silent: those that fit wait, and the IMU still gets in."""
     imu, *_ = flight(12, n=3)
     fixes = [(2 * TICK + 1000 * k, POSITION, np.array([k / 80, 0.0])) for k in range(1, 81)]
@@ -212,7 +212,7 @@ def test_aiding_without_an_imu_does_not_push_the_last_state_out():
     np.testing.assert_allclose(node.x, plain([*imu, *kept, (4 * TICK, IMU, np.ones(3))])[0], atol=1e-12)
 
 
-def test_doubt_holds_on_both_sides_of_a_sample():
+def test_untrusted_sample_affects_both_adjacent_intervals():
     doubtful = np.array([1.0, 1.0])
     node, *_ = play([(0, IMU, np.zeros(3)), (TICK, IMU, np.zeros(3), doubtful), (2 * TICK, IMU, np.zeros(3))])
     np.testing.assert_allclose(node.P, 1 + 2 * 0.3 * 2 * TICK * 1e-7, rtol=1e-12)
@@ -221,7 +221,7 @@ def test_doubt_holds_on_both_sides_of_a_sample():
 
 
 @pytest.mark.thorough
-def test_it_exports():
+def test_history_lowers_to_generated_c():
     h = ring.empty_history(FORM.first(), 8)
     assert lower_function(lambda h, r: ring.replay_events(FORM, h, r), (h, np.int32(3))).text("f")
     event = Event(np.int64(5), POSITION, np.zeros(3), np.zeros(2))

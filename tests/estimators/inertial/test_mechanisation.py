@@ -40,7 +40,7 @@ def navigate(truth, dt):
     return jax.jit(lambda: jax.lax.scan(step, start, truth.imu_reading[1:])[1])()
 
 
-def test_it_is_exact_for_force_that_runs_straight():
+def test_mechanisation_is_exact_for_linear_force():
     """f = a + b t: v and r are polynomials, also over one long step."""
     a, b, v0, r0 = np.array([0.3, -1.0]), np.array([2.0, 0.7]), np.array([0.1, 0.2]), np.array([5.0, -3.0])
     for T in (0.01, 3.0):
@@ -50,7 +50,7 @@ def test_it_is_exact_for_force_that_runs_straight():
 
 
 @pytest.mark.thorough
-def test_perfect_sensors_close_a_lap_from_rest_to_rest():
+def test_perfect_sensors_close_a_lap_between_rests():
     """A circle of 2 m, spinning the while, at the IMU's own tick: to 1e-8 m."""
     n = 3000
     T = (n - 1) * DT
@@ -82,7 +82,7 @@ def test_perfect_sensors_close_a_lap_at_speed(samples, largest):
     assert largest is None or miss < largest
 
 
-def test_a_lever_arm_turns_with_the_heading():
+def test_lever_arm_rotates_with_the_heading():
     arm = np.array([0.3, -0.1])
     turned, slope = rotate_lever(0.7, arm)
     c, s = np.cos(0.7), np.sin(0.7)
@@ -93,7 +93,7 @@ def test_a_lever_arm_turns_with_the_heading():
     )
 
 
-def test_the_start_is_in_the_order_of_the_filters():
+def test_start_variances_follow_the_state_order():
     sigmas = {"heading": 1.0, "gyro_bias": 2.0, "velocity": 3.0, "position": 4.0, "force_bias": 5.0}
     s = InertialStart(**{f"sigma_{name}": value for name, value in sigmas.items()})
     np.testing.assert_array_equal(s.heading_variances(), [1, 4])
@@ -103,7 +103,7 @@ def test_the_start_is_in_the_order_of_the_filters():
 
 
 @pytest.mark.thorough
-def test_the_mechanisation_exports():
+def test_mechanisation_lowers_to_generated_c():
     v = np.zeros(2)
     assert lower_function(mechanise, (0.1, v, v, v, v)).text("f")
 
@@ -131,7 +131,7 @@ def plain(imu_reading, begin, end, phi, v, r, bias):
 
 
 @pytest.mark.parametrize(("begin", "end"), [(0, 11 * TICK), (int(2.3 * TICK), int(7.8 * TICK)), (100, 200)])
-def test_it_is_the_mechanisation(begin, end):
+def test_preintegration_matches_the_mechanisation(begin, end):
     """Between samples too, with accelerometer biases; exact."""
     h, imu_reading = history()
     m = preintegrated(h, begin, end)
@@ -144,7 +144,7 @@ def test_it_is_the_mechanisation(begin, end):
     np.testing.assert_allclose(r + v * T + B @ (m.position - m.D2 @ ba), want[2], atol=1e-13)
 
 
-def test_a_gyro_bias_is_left_out_only_to_second_order():
+def test_preintegration_neglects_gyro_bias_only_to_second_order():
     """1 deg/s over 0.1 s under 1 m/s^2: 0.1 mm/s."""
     h, imu_reading = history(n=16)
     end = 15 * TICK
@@ -155,7 +155,7 @@ def test_a_gyro_bias_is_left_out_only_to_second_order():
     np.testing.assert_allclose(m.velocity, want[1], atol=3e-4)
 
 
-def test_it_reaches_as_far_as_samples_do_and_tells_doubt():
+def test_preintegration_is_limited_to_samples_and_reports_untrusted():
     h, _ = history(n=20, slots=8)
     m = preintegrated(h, 0, 30 * TICK)
     assert float(m.time) == pytest.approx(7 * TICK * 1e-7)
@@ -166,5 +166,5 @@ def test_it_reaches_as_far_as_samples_do_and_tells_doubt():
 
 
 @pytest.mark.thorough
-def test_the_preintegration_exports():
+def test_preintegration_lowers_to_generated_c():
     assert lower_function(preintegrate, (history()[0], np.int64(0), np.int64(TICK))).text("f")

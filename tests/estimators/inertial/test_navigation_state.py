@@ -1,4 +1,4 @@
-"""What is told about the reference point: values and sigmas against a Monte-Carlo of the geometry."""
+"""Kinematics of the reference point: values and sigmas against a Monte Carlo of the geometry."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def geometry(x, rate, arm):
 
 
 @pytest.mark.thorough
-def test_values_and_sigmas_of_the_reference_point():
+def test_reference_point_sigmas_match_monte_carlo():
     g = np.random.default_rng(0)
     x = np.array([0.7, 1.2, -0.4, 3.0, 4.0, 0.02, 0.1, -0.1])
     A = 0.01 * g.standard_normal((8, 8))
@@ -48,7 +48,7 @@ def test_values_and_sigmas_of_the_reference_point():
 
 
 @pytest.mark.thorough
-def test_fixes_are_counted():
+def test_fix_counters_count_used_and_rejected():
     used = update(np.zeros(1), np.eye(1), np.array([0.5]), np.eye(1), np.eye(1))
     refused = update(np.zeros(1), np.eye(1), np.array([50.0]), np.eye(1), np.eye(1), gate=9.0)
     missing = update(np.zeros(1), np.eye(1), np.array([np.nan]), np.eye(1), np.eye(1))
@@ -65,8 +65,8 @@ def test_fixes_are_counted():
 
 
 @pytest.mark.thorough
-def test_after_so_many_refused_in_a_row_the_filter_gives_in():
-    """The covariance grows until the innovation is a usual one; then the measurement counts, once."""
+def test_repeated_rejections_force_acceptance():
+    """The covariance grows until the innovation is plausible; then the measurement is used once."""
     x, P, R, y = np.zeros(2), np.diag([1e-4, 1e-4]), 1e-6 * np.eye(2), np.array([1.0, 0.5])
     believed = {"gate": 18.0, "patience": np.int32(3)}
     fix = no_position_fix()
@@ -92,14 +92,14 @@ def test_after_so_many_refused_in_a_row_the_filter_gives_in():
 
 
 @pytest.mark.thorough
-def test_sigmas_stay_finite_where_rounding_makes_a_variance_negative():
+def test_sigmas_stay_finite_with_negative_variance():
     told = reference_kinematics(Belief(np.zeros(8), -1e-18 * np.eye(8)), 0.0, 0.0, ARMS)
     assert all(np.isfinite(told[f"sigma_{n}"]) for n in NAMES)
     assert not told["covariance"].positive
 
 
 @pytest.mark.thorough
-def test_it_exports():
+def test_reference_kinematics_lowers_to_generated_c():
     assert lower_function(
         lambda x, P: reference_kinematics(Belief(x, P), 0.1, 1e-4, ARMS), (np.zeros(8), np.eye(8))
     ).text("f")

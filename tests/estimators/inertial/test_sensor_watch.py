@@ -1,4 +1,4 @@
-"""What a watch sees in a stream of samples."""
+"""Checks of a stream of samples: invalid, duplicate, disordered, frozen."""
 
 import jax
 import numpy as np
@@ -29,7 +29,7 @@ def watched(stream, *, ordered=False, frozen_after=3):
     return last, used
 
 
-def test_good_samples_are_used():
+def test_valid_samples_are_used():
     last, used = watched([(10, 1.0), (20, 2.0), (30, 1.0)])
     assert used == [True] * 3
     assert (last.watch.samples, last.watch.invalid, last.watch.duplicates, last.watch.disordered) == (3, 0, 0, 0)
@@ -37,7 +37,7 @@ def test_good_samples_are_used():
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_what_is_no_number_is_not_used_and_told(bad):
+def test_nan_sample_is_not_used_and_counted(bad):
     last, used = watched([(10, 1.0), (20, bad), (30, 2.0)])
     assert used == [True, False, True]
     assert last.watch.invalid == 1
@@ -45,21 +45,21 @@ def test_what_is_no_number_is_not_used_and_told(bad):
     assert np.isfinite(bad_one.value).all()
 
 
-def test_a_sample_from_the_future_is_not_used():
+def test_sample_from_the_future_is_not_used():
     last, used = watched([(10, 1.0), (50, 2.0, 40), (45, 2.0, 60)])
     assert used == [True, False, True]
     assert last.watch.invalid == 1
     assert last.watch.last == 45
 
 
-def test_a_duplicate_is_counted_and_not_used():
+def test_duplicate_is_counted_and_not_used():
     last, used = watched([(10, 1.0), (10, 1.0, 20), (30, 2.0)])
     assert used == [True, False, True]
     assert last.watch.duplicates == 1
     assert last.watch.repeats == 0
 
 
-def test_time_backwards_is_flagged():
+def test_backwards_time_is_flagged():
     stream = [(10, 1.0), (30, 2.0), (20, 3.0, 40)]
     late, used = watched(stream)
     assert used == [True, True, True]
@@ -71,7 +71,7 @@ def test_time_backwards_is_flagged():
     assert not after.watch.backwards
 
 
-def test_equal_samples_mean_frozen():
+def test_repeated_equal_samples_are_flagged_frozen():
     last, _ = watched([(10, 1.0), (20, 2.0), (30, 2.0), (40, 2.0)])
     assert (int(last.watch.repeats), bool(last.watch.frozen)) == (2, False)
     last, _ = watched([(10, 1.0), (20, 2.0), (30, 2.0), (40, 2.0), (50, 2.0)])
@@ -84,7 +84,7 @@ def test_equal_samples_mean_frozen():
     assert last.watch.repeats == 2  # the first has nothing to be equal to
 
 
-def test_nothing_fresh_is_nothing_new():
+def test_stale_sample_leaves_the_watch_unchanged():
     value = np.array([1.0, 2.0])
     watch = initial_watch()
     found = compiled(watch, np.int64(20), np.int64(10), value, False, False, 3)
@@ -93,6 +93,6 @@ def test_nothing_fresh_is_nothing_new():
 
 
 @pytest.mark.thorough
-def test_it_exports():
+def test_sensor_watch_lowers_to_generated_c():
     args = (initial_watch(), np.int64(20), np.int64(10), np.ones(2), np.bool_(True))
     assert lower_function(lambda w, now, t, v, f: look(w, now, t, v, f, True, 3), args).text("f")

@@ -53,7 +53,7 @@ def test_constant_rates_are_integrated_exactly_over_any_time(turn):
     assert float(one.time) == T
 
 
-def test_the_series_reaches_a_radian():
+def test_series_is_accurate_up_to_one_radian():
     a = np.array([0.6, 0.0, 0.8])
     one = increment_of(a, a, 1.0)
     np.testing.assert_allclose(one.turn[0], math.cos(0.5), atol=1e-8)
@@ -73,7 +73,7 @@ def test_increments_are_a_group():
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-15), compose(no_increment(), a), a)
 
 
-def test_a_state_moves_as_by_one_increment_after_another():
+def test_composed_increment_moves_state_like_successive_ones():
     a, b = some(4), some(5)
     start = Kinematics(quaternion.normalise(jnp.array([0.9, 0.1, -0.3, 0.2])), jnp.array([3.0, -2.0, 1.0]), jnp.ones(3))
     two = move(move(start, a, G), b, G)
@@ -81,7 +81,7 @@ def test_a_state_moves_as_by_one_increment_after_another():
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-12), two, at_once)
 
 
-def test_a_state_moves_under_gravity_as_a_solver_says():
+def test_motion_under_gravity_matches_ode_solver():
     w, f, T = np.array([0.3, -0.5, 0.8]), np.array([1.0, -2.0, -9.0]), 0.4
     q = np.asarray(quaternion.normalise(jnp.array([0.9, 0.1, -0.3, 0.2])))
     start = q, np.array([3.0, -2.0, 1.0]), np.array([1.0, 2.0, 3.0])
@@ -117,7 +117,7 @@ def coning_error(n, *, corrected):
 
 
 @pytest.mark.thorough
-def test_coning_and_sculling_between_samples_are_followed():
+def test_coning_and_sculling_correction_reduces_the_error():
     """A cone's drift about z, and sculling: samples with a straight line between leave less than their means do."""
     with_it, without = coning_error(200, corrected=True), coning_error(200, corrected=False)
     print(f"attitude {without[0]:.1e} rad without, {with_it[0]:.1e} with; velocity {without[1]:.1e}, {with_it[1]:.1e}")
@@ -127,7 +127,7 @@ def test_coning_and_sculling_between_samples_are_followed():
     assert with_it[1] < without[1]
 
 
-def test_the_second_term_of_magnus_is_the_one_of_straight_rates():
+def test_magnus_term_raises_the_order_for_linear_rates():
     """Rates and forces that change straight: a mean leaves the third order of the step, with the term the fifth."""
     w0, dw = np.array([1.0, -2.0, 0.5]), np.array([-15.0, 10.0, 20.0])
     f0, df = np.array([2.0, 1.0, -9.0]), np.array([-30.0, 20.0, -20.0])

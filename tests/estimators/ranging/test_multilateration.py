@@ -34,7 +34,7 @@ def places(n, seed=0, size=1.4):
 @pytest.mark.thorough("0.0-square", "0.05-square", "-0.2-square")
 @pytest.mark.parametrize("plan", [SQUARE, UNEVEN], ids=["square", "uneven"])
 @pytest.mark.parametrize("bias", [0.0, 0.05, -0.2])
-def test_bancroft_is_exact(plan, bias):
+def test_bancroft_is_exact_without_noise(plan, bias):
     """Without noise within 1e-9 m, whatever the common range error, from all beacons."""
     true = plan.mean(0) + places(500)
     height = H + 0.1 * np.arange(len(plan))
@@ -45,7 +45,7 @@ def test_bancroft_is_exact(plan, bias):
 
 
 @pytest.mark.thorough
-def test_bancroft_is_exact_with_three():
+def test_bancroft_is_exact_with_three_beacons():
     """Any three of five; the far ranges are nonsense and must not matter."""
     true = UNEVEN.mean(0) + places(400)
     used = np.zeros((400, 5), bool)
@@ -58,7 +58,7 @@ def test_bancroft_is_exact_with_three():
     assert abs(np.asarray(found.bias)).max() < 1e-9
 
 
-def test_of_three_ranges_the_smaller_common_error_counts():
+def test_three_ranges_choose_the_smaller_common_error():
     """Both roots fit three ranges without residual. Beacons 0.5 m above the unit, places up to 4 m away."""
     plan = np.array([[0.0, 0.0], [3.0, 0.0], [1.0, 2.5]])
     true, height = plan.mean(0) + places(500, size=3.0), np.full(3, 0.5)
@@ -69,7 +69,7 @@ def test_of_three_ranges_the_smaller_common_error_counts():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("solve", [CLOSED, FITTED], ids=["closed form", "least squares"])
-def test_circular_error(solve):
+def test_circular_error_of_static_fixes_is_about_5_mm(solve):
     """Half of the static fixes lie within 0.47 to 0.57 cm, with 0.4 cm range noise, four beacons 3 m apart.
 
     [1] figure 5.8: 0.52 cm.
@@ -90,7 +90,7 @@ def oracle(plan, height, ranges, with_bias):
 
 
 @pytest.mark.thorough
-def test_least_squares_is_scipys():
+def test_least_squares_matches_scipy():
     true = UNEVEN.mean(0) + places(30)
     ranges = exact(UNEVEN, H, true) + np.random.default_rng(3).normal(0, 0.02, (30, 5))
     used = np.ones((30, 5), bool)
@@ -104,7 +104,7 @@ def test_least_squares_is_scipys():
 
 
 @pytest.mark.thorough
-def test_closed_form_differs_from_least_squares_by_a_fraction_of_a_millimetre():
+def test_closed_form_and_least_squares_differ_below_half_millimetre():
     """About 0.03 cm, both with a common range error, at 0.4 cm noise, some 0.2 m from the middle of the square.
 
     It grows in proportion to that distance: the closed form weighs ranges, not their residuals.
@@ -142,7 +142,7 @@ def test_leave_one_out_finds_the_wrong_range():
     assert not np.asarray(good.place)[:, 1:].any()  # the first will do: the others are not looked for
 
 
-def test_two_ranges_take_the_side_of_the_fix_before():
+def test_two_ranges_choose_the_side_of_previous_fix():
     true = np.array([[0.4, 0.9], [0.4, -0.9], [-1.0, 0.3]])
     used = np.array([True, False, True, False])
     ranges = exact(SQUARE, H, true)
@@ -155,7 +155,7 @@ def test_two_ranges_take_the_side_of_the_fix_before():
         np.testing.assert_allclose(mirrored.place, place[::-1], atol=1e-12)
 
 
-def test_circles_that_miss_give_the_point_between():
+def test_disjoint_circles_give_the_midpoint():
     used = np.array([True, True, False, False])
     ranges = np.sqrt(np.array([1.4, 1.5, 1, 1]) ** 2 + H**2)
     found = intersect(SQUARE, np.full(4, H), ranges, used, np.zeros(2))
@@ -166,7 +166,7 @@ def test_circles_that_miss_give_the_point_between():
 
 
 @pytest.mark.thorough
-def test_exportable():
+def test_solvers_lower_to_generated_c():
     height, ranges, used = np.full(4, H), np.full(4, 3.0), np.ones(4, bool)
 
     def all_of_it(r, u):
@@ -194,13 +194,13 @@ def on_arc(t, lever, rate=2.0, radius=0.3048, start=0.4):
 @pytest.mark.parametrize(
     "levers", [(FORE, AFT), (np.array([0.1, 0.3]), np.array([-0.2, 0.1]))], ids=["on x", "anywhere"]
 )
-def test_heading_of_units_located_at_once(heading, levers):
+def test_heading_of_simultaneously_located_units_is_exact(heading, levers):
     R = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
     found = two_unit_heading(R @ levers[0] + 5.0, R @ levers[1] + 5.0, *levers)
     assert float(found) == pytest.approx(heading, abs=1e-12)
 
 
-def test_assisted_is_exact_and_direct_is_not():
+def test_assisted_heading_is_exact_while_turning():
     """A is located first, B 100 ms later; at 115 deg/s the plain line is 5.75° off, half of what it turned."""
     rate = np.radians(115)
     place_a, _ = on_arc(0.0, FORE, rate)
@@ -212,7 +212,7 @@ def test_assisted_is_exact_and_direct_is_not():
     assert np.angle(np.exp(1j * (float(direct) - heading))) == pytest.approx(-rate * 0.1 / 2, abs=1e-9)
 
 
-def test_another_point_leaves_out_what_the_turn_moves_the_unit():
+def test_assisted_heading_errs_with_displacement_of_another_point():
     """With the displacement of the reference point the error is the turn's part: about half the angle turned."""
     rate = np.radians(115)
     moved = on_arc(0.1, np.zeros(2), rate)[0] - on_arc(0.0, np.zeros(2), rate)[0]
@@ -222,5 +222,5 @@ def test_another_point_leaves_out_what_the_turn_moves_the_unit():
 
 
 @pytest.mark.thorough
-def test_the_heading_exports():
+def test_heading_lowers_to_generated_c():
     assert lower_function(assisted_heading, [np.zeros(2)] * 5).outputs

@@ -91,7 +91,7 @@ def dense(frames, f):
 
 
 @pytest.mark.thorough
-def test_it_computes_what_a_dense_filter_computes():
+def test_filter_matches_dense_numpy_filter():
     """Derivatives by differences, covariance by its shortest formula: nothing is shared but the model."""
     frames = frames_of(drive(seed=1))
     state, _ = run(frames)
@@ -109,8 +109,8 @@ def nees(world, estimates):
 
 
 @pytest.mark.thorough
-def test_it_knows_how_wrong_it_is():
-    """Drives whose errors are those that it believes, at four instants far from each other."""
+def test_nees_is_consistent_over_50_drives():
+    """Drives with the errors that the filter assumes, at four instants far from each other."""
     values = []
     for seed in range(50):
         world = drive(seed)
@@ -121,8 +121,8 @@ def test_it_knows_how_wrong_it_is():
 
 @pytest.mark.thorough("slip-0.2", "scale-0.0")
 @pytest.mark.parametrize(("what", "worse"), [("slip", 0.2), ("noise", 0.3), ("scale", 0.0)])
-def test_a_wrong_belief_shows(what, worse):
-    """A filter that believes too little of one error is told apart by the same measure."""
+def test_optimistic_noise_model_breaks_consistency(what, worse):
+    """NEES exceeds 3 for a filter that underestimates one error."""
     part = "noise" if what == "slip" else "errors"
     old = getattr(FILTER, part)
     new = (
@@ -135,7 +135,7 @@ def test_a_wrong_belief_shows(what, worse):
     assert np.mean(values) > 3.0
 
 
-def test_wild_ranges_are_refused():
+def test_range_outliers_are_rejected():
     world = drive(3)
     wild = np.random.default_rng(0).random(world.range.shape) < 0.1
     spoilt = world._replace(range=np.where(world.arrived & wild, world.range + 5.0, world.range))
@@ -162,7 +162,7 @@ LATE = (np.arange(DRIVE) >= DRIVE // 2)[:, None]
     [(14.0, 0.0), (10.0, 1.0), (10.0, 3.0)],
     ids=["14 m and 0 rad", "10 m and 1 rad", "10 m and 3 rad"],
 )
-def test_ranges_that_agree_restart_the_filter(away, turn):
+def test_consistent_rejected_ranges_restart_the_filter(away, turn):
     """The vehicle stands elsewhere, with another heading."""
     start = replace(FILTER.start, north=FILTER.start.north + away, heading=FILTER.start.heading + turn)
     for seed in (4, 5):
@@ -223,7 +223,7 @@ def test_one_moved_beacon_does_not_restart_the_filter():
     assert position_error(world, estimates).max() < 1.5
 
 
-def test_an_offset_of_all_beacons_is_survived():
+def test_temporary_offset_of_all_beacons_is_survived():
     """5 m for 20 s: most ranges are rejected, and the position is right again after the offset."""
     world = drive(3)
     while_it_lasts = LATE & (np.arange(DRIVE) < DRIVE // 2 + 200)[:, None]
@@ -250,12 +250,12 @@ def test_two_beacons_do_not_restart_the_filter():
 
 
 @pytest.mark.parametrize("patience", [1, 5, 17])
-def test_too_few_and_too_many_ranges_for_a_restart_are_refused(patience):
+def test_rejects_invalid_restart_patience(patience):
     with pytest.raises(InputError, match=f"must be 0, or 6 to 16, got {patience}"):
         replace(FILTER, errors=replace(FILTER.errors, patience=patience)).check()
 
 
-def test_what_is_no_number_or_from_another_time_is_not_used():
+def test_nan_and_late_samples_are_not_used():
     frames = frames_of(drive(5))
     ranging, odometry = frames.samples["ranging"], frames.samples["odometry"]
     k = int(np.flatnonzero(ranging.fresh)[20])
@@ -281,7 +281,7 @@ def test_what_is_no_number_or_from_another_time_is_not_used():
     np.testing.assert_allclose(state.x[:3], clean.x[:3], atol=0.1)
 
 
-def test_a_lost_reading_of_odometry_loses_no_way():
+def test_lost_odometry_readings_lose_no_distance():
     frames = frames_of(drive(6)._replace(arrived=np.zeros((DRIVE, 4), bool)))
     odometry = frames.samples["odometry"]
     fewer = odometry.fresh & (np.arange(DRIVE) % 3 == 2)
@@ -293,13 +293,13 @@ def test_a_lost_reading_of_odometry_loses_no_way():
     np.testing.assert_allclose(thinned.x[:3], full.x[:3], atol=0.02)
 
 
-def test_beacons_that_are_no_list_of_positions_are_refused():
+def test_rejects_beacons_of_wrong_shape():
     with pytest.raises(InputError, match="beacons"):
         OdometryRanging(beacons=np.zeros((4, 2))).check()
 
 
 @pytest.mark.thorough
-def test_a_way_that_no_wheel_can_drive_is_doubted_whole():
+def test_implausible_odometry_jump_is_distrusted():
     """A counter jumps by 0.8 m in a tenth of a second: the filter says so, instead of being wrong and sure."""
     world = drive(7)
     jump = np.where(np.arange(DRIVE) >= DRIVE // 2, 0.8, 0.0)
@@ -311,7 +311,7 @@ def test_a_way_that_no_wheel_can_drive_is_doubted_whole():
     assert honest.max() < 16.0 < blind.max()
 
 
-def test_driving_backwards_adds_as_much_noise_as_forwards():
+def test_driving_backwards_adds_same_noise_as_forwards():
     """Slip of 0.05 m/sqrt(m) over 4 m: 0.01 m^2 in each coordinate, either way."""
     x, P = initial_belief(FILTER.start, FILTER.errors, len(BEACONS))
     P = 0 * P

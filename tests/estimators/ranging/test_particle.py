@@ -66,7 +66,7 @@ def silent(begin, end, who=True):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("run", range(2))
-def test_it_starts_from_any_heading_and_is_good(run):
+def test_filter_converges_from_any_heading(run):
     told = flown(run)
     heading, place = errors(told, 2)
     assert np.argmax(told.valid) < 153
@@ -82,8 +82,8 @@ def test_it_starts_from_any_heading_and_is_good(run):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("run", range(2))
-def test_two_beacons_do_for_a_start(run):
-    """Each of them sees two places; what the gyro feels tells which. A fix has nothing here."""
+def test_two_beacons_suffice_for_a_start(run):
+    """Two ranges allow two places; the gyro decides between them. No position fix is possible here."""
     told = flown(run, spoil=silent(-1, 99, ~rf.TWO_LEFT))
     heading, place = errors(told, 3)
     assert not told.valid[:100].any()
@@ -93,7 +93,7 @@ def test_two_beacons_do_for_a_start(run):
 
 
 @pytest.mark.thorough
-def test_outliers_do_not_throw_it_off():
+def test_error_stays_small_with_range_outliers():
     """10 % of the ranges wrong by up to 3 m."""
     for run in (0, 1):
         heading, place = errors(flown(run, sensor=rf.strays()), 3)
@@ -102,7 +102,7 @@ def test_outliers_do_not_throw_it_off():
 
 
 @pytest.mark.thorough
-def test_silence_widens_it_and_leaves_nothing_behind():
+def test_range_outage_grows_sigma_and_recovers():
     """2.5 s without ranges: the cloud follows the IMU, also where that is longer than what is remembered of it."""
     told = flown(0, spoil=silent(2.0, 4.5))
     wide = told.state.sigma_north
@@ -115,7 +115,7 @@ def test_silence_widens_it_and_leaves_nothing_behind():
 
 
 @pytest.mark.thorough
-def test_nan_doubled_and_backward_samples_are_flagged():
+def test_nan_duplicate_and_backwards_samples_are_flagged():
     def spoil(frames):
         ping = frames.samples["ranging"]
         at = np.flatnonzero(ping.fresh)
@@ -140,7 +140,7 @@ def test_nan_doubled_and_backward_samples_are_flagged():
 
 
 @pytest.mark.thorough
-def test_it_exports():
+def test_step_lowers_to_generated_c():
     form = to_arrays(replace(FORM, N=8, intake=replace(FORM.intake, slots=8)))
     frame = jax.tree.map(
         lambda leaf: leaf[0],
@@ -151,7 +151,7 @@ def test_it_exports():
     assert lower_function(lambda s, f: form.step(f.t, s, f), (strengthen_types(form.init(key(0))), frame)).text("f")
 
 
-def test_it_is_an_estimator_and_refuses_what_cannot_be():
+def test_rejects_invalid_parameters():
     form = Particle()
     form.check()
     assert isinstance(form, Estimator)

@@ -1,4 +1,4 @@
-"""First particles, prediction, resampling, moments and likelihood against dumb numpy."""
+"""First particles, prediction, resampling, moments and likelihood against plain NumPy."""
 
 import jax
 import jax.numpy as jnp
@@ -29,7 +29,7 @@ def cloud(n=50, seed=0):
 
 
 @pytest.mark.parametrize("u", [0.01, 0.5, 0.99])
-def test_systematic_resampling_is_a_comb(u):
+def test_systematic_resampling_matches_reference(u):
     """Every particle is copied floor or ceil of N w times: Arulampalam 2002, algorithm 2."""
     w = cloud().weight
     index = np.asarray(jax.jit(pc.systematic_indices)(w, u))
@@ -39,7 +39,7 @@ def test_systematic_resampling_is_a_comb(u):
     assert (np.abs(counts - 50 * w) < 1).all()
 
 
-def test_one_particle_with_all_the_weight_is_all_that_is_left():
+def test_particle_with_all_weight_is_the_only_survivor():
     w = np.zeros(50)
     w[17] = 1.0
     assert set(np.asarray(pc.systematic_indices(w, 0.3))) == {17}
@@ -48,7 +48,7 @@ def test_one_particle_with_all_the_weight_is_all_that_is_left():
 
 
 @pytest.mark.thorough
-def test_redrawing_keeps_mean_and_covariance():
+def test_resampling_keeps_mean_and_covariance():
     """One Gaussian made 20000 particles: half of its heading variance is spread, and the sum is what it was."""
     one = cloud(1)
     n = 20000
@@ -60,7 +60,7 @@ def test_redrawing_keeps_mean_and_covariance():
     assert np.abs((P - one.P[0]) / np.outer(sigma, sigma)).max() < 0.03
 
 
-def test_a_summary_is_the_mixtures():
+def test_cloud_moments_match_the_mixture():
     c = cloud()
     mean, P = jax.jit(pc.cloud_moments)(c)
     away = c.x - np.asarray(mean)
@@ -69,7 +69,7 @@ def test_a_summary_is_the_mixtures():
     np.testing.assert_allclose(P, want, atol=1e-12)
 
 
-def test_the_predicted_covariance_is_that_of_the_predicted_state():
+def test_predicted_covariance_matches_the_jacobian():
     """F P F' with the derivative of the state's own prediction; each block of F counts here."""
     m = PreintegratedMotion(
         0.1, 0.2, np.array([0.1, -0.2]), np.array([0.01, 0.02]), 0.1 * np.eye(2), 0.005 * np.eye(2), np.zeros(2)
@@ -85,7 +85,7 @@ def test_the_predicted_covariance_is_that_of_the_predicted_state():
 
 
 @pytest.mark.thorough
-def test_weights_are_likelihoods():
+def test_weights_match_scipy_likelihoods():
     """Particles without spread: Gauss and a floor, as scipy has them."""
     c = replace(cloud(20), P=np.zeros((20, 13, 13)))
     errors = RangeErrorModel(noise=0.05, gate=1e9, second_order=False)
@@ -103,7 +103,7 @@ def test_weights_are_likelihoods():
 
 
 @pytest.mark.thorough
-def test_it_exports():
+def test_cloud_functions_lower_to_generated_c():
     c = cloud(10)
     assert lower_function(lambda c, z: pc.resample(c, 0.5, z, 0.5), (c, np.zeros(10))).text("f")
     errors = RangeErrorModel()
@@ -118,7 +118,7 @@ PARTICLES = to_arrays(Particle(N=120))
 
 
 @pytest.mark.thorough
-def test_first_particles_are_where_two_ranges_meet():
+def test_initial_particles_lie_at_range_intersections():
     """Half of the particles of each pair on either side of it, headings all around."""
     place = np.array([0.3, -0.2])
     ranges = np.sqrt(((SQUARE[:, :2] - place) ** 2).sum(1) + 2.7048**2)
@@ -135,7 +135,7 @@ def test_first_particles_are_where_two_ranges_meet():
 
 
 @pytest.mark.thorough
-def test_a_wrong_range_spoils_only_its_pairs():
+def test_wrong_range_spoils_only_particles_of_its_pairs():
     """Of four ranges one is wrong: three of the six pairs are not, so a quarter of the particles is right."""
     place = np.array([0.3, -0.2])
     ranges = np.sqrt(((SQUARE[:, :2] - place) ** 2).sum(1) + 2.7048**2) + np.array([0.0, 1.0, 0.0, 0.0])

@@ -32,7 +32,7 @@ def ranges_of(place, turn, scale=0.05, step=1.2, beacons=4):
 
 @pytest.mark.parametrize("turn", [0.0, 0.4, -1.5, 3.0])
 @pytest.mark.parametrize("place", [(3.0, -4.0), (35.0, 10.0)])
-def test_finds_place_and_heading_of_exact_ranges(place, turn):
+def test_recovers_pose_from_exact_ranges(place, turn):
     found = FIT(ranges_of(np.array(place), turn), 12)
     np.testing.assert_allclose(found.q[1:], [*place, 0.05], atol=0.3)  # the priors of turn and scale move it a little
     assert float(found.q[0]) == pytest.approx(turn, abs=0.03)
@@ -40,7 +40,7 @@ def test_finds_place_and_heading_of_exact_ranges(place, turn):
     assert int(found.freedom) == 9
 
 
-def test_covariance_is_that_of_repeated_noise():
+def test_covariance_matches_monte_carlo():
     """300 draws of noise, and of the scale: each entry of q is off by its sigma."""
     rng, place, errors, chi_squares = np.random.default_rng(0), np.array([3.0, -4.0]), [], []
     for _ in range(300):
@@ -55,7 +55,7 @@ def test_covariance_is_that_of_repeated_noise():
     assert np.mean(chi_squares) == pytest.approx(9.0, rel=0.1)
 
 
-def test_outliers_do_not_agree():
+def test_outliers_fail_the_chi_square_test():
     """One range 3 m too long; all of four beacons too long by 5 m."""
     exact = ranges_of(np.array([3.0, -4.0]), 0.0)
     one, all_of_them = exact.range.copy(), exact.range + 5.0
@@ -65,7 +65,7 @@ def test_outliers_do_not_agree():
         assert float(found.chi_square) > 4 * float(found.freedom)
 
 
-def test_too_few_ranges_do_not_agree():
+def test_too_few_ranges_give_infinite_chi_square():
     recent = no_recent_ranges()
     assert not np.isfinite(float(FIT(recent, 12).chi_square))
     exact = ranges_of(np.array([3.0, -4.0]), 0.0)
@@ -73,7 +73,7 @@ def test_too_few_ranges_do_not_agree():
     assert not np.isfinite(float(FIT(RecentRanges(exact.beacon, eleven, exact.since, exact.rejected), 12).chi_square))
 
 
-def test_ranges_move_with_the_vehicle_and_the_oldest_is_forgotten():
+def test_remembered_ranges_move_and_drop_the_oldest():
     recent, moved = no_recent_ranges(), np.array([1.0, -2.0])
     add = jax.jit(lambda r, *range_: remember_range(move_ranges(r, moved), *range_))
     for k in range(KEPT + 2):
@@ -85,7 +85,7 @@ def test_ranges_move_with_the_vehicle_and_the_oldest_is_forgotten():
 
 
 @pytest.mark.thorough
-def test_runs_as_generated_code():
+def test_pose_search_lowers_to_generated_c():
     assert lower_function(lambda recent: fit_pose(recent, 12, BEACONS, 0.0, SCALE, SIGMA), (no_recent_ranges(),)).text(
         "f"
     )

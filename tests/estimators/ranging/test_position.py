@@ -69,12 +69,12 @@ def run(sensor, estimator, seed=0, **moving):
     return jax.tree.map(np.asarray, jax.jit(lambda c: jax.lax.scan(body, c, times)[1])(start))
 
 
-def test_default_beacons_are_the_sensors():
+def test_default_beacons_match_the_sensor():
     np.testing.assert_array_equal(SQUARE, CEILING_SQUARE)
 
 
 @pytest.mark.thorough
-def test_perfect_ranges_give_the_place_and_the_heading():
+def test_perfect_ranges_give_position_and_heading():
     samples = {0: (0, *exact(), 0), ms(150): (ms(100), *exact(unit=1), 1)}
     first, second = feed(TWO, samples)
     assert first.valid
@@ -91,7 +91,7 @@ def test_perfect_ranges_give_the_place_and_the_heading():
 
 
 @pytest.mark.thorough
-def test_the_gain_is_how_range_errors_move_the_fix():
+def test_gain_matches_finite_differences_of_the_fix():
     """By finite differences; three beacons and four, and what of each error gets into the place."""
     form = replace(ONE, cone=False)
     ranges, arrived = exact(sensor=replace(SENSOR, cone_error=False))
@@ -107,7 +107,7 @@ def test_the_gain_is_how_range_errors_move_the_fix():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("side", [1, -1])
-def test_beacons_on_one_line_leave_two_places_and_the_last_one_decides(side):
+def test_collinear_beacon_ambiguity_is_resolved_by_last_fix(side):
     line = np.array([[-3.4, 0.0, -4.0], [0.0, 0.0, -4.0], [3.4, 0.0, -4.0], [0.0, 3.4, -4.0]])
     form, place, noise = replace(ONE, beacons=line), np.array([0.3, 0.8 * side]), 1e-3 * np.array([1, -2, 1.5, 0])
     ranges = np.asarray(measured_range(line, np.concatenate([place, [0.0]]))) + noise
@@ -137,14 +137,14 @@ def located(sensor, place, near=(0.0, 0.0), known=False):
 
 
 @pytest.mark.thorough
-def test_network_at_rest():
+def test_circular_error_at_rest_is_about_5_mm():
     """0.47 to 0.57 cm half of the time, with ranges off the axis, compensated: [1] figure 5.8, 0.52 cm."""
     _, found = located(ALONE, (0.0, 0.0))
     assert 0.0047 <= np.median(np.linalg.norm(found.place, axis=1)) <= 0.0057
 
 
 @pytest.mark.thorough
-def test_one_wrong_range_is_left_out_and_named():
+def test_single_wrong_range_is_rejected_and_identified():
     ranges, arrived = exact(sensor=ALONE)
     for wrong in range(4):
         for size in (-1.5, 0.4, 3.0):
@@ -157,7 +157,7 @@ def test_one_wrong_range_is_left_out_and_named():
 
 
 @pytest.mark.thorough
-def test_two_wrong_ranges_give_no_fix_and_say_so():
+def test_two_wrong_ranges_are_reported_inconsistent():
     ranges, arrived = exact(sensor=ALONE)
     good, bad = feed(
         ONE, {0: (0, ranges, arrived, 0), ms(110): (ms(100), ranges + np.array([1.5, -1, 0, 0]), arrived, 0)}
@@ -170,7 +170,7 @@ def test_two_wrong_ranges_give_no_fix_and_say_so():
 
 
 @pytest.mark.thorough
-def test_two_ranges_need_a_fix_before():
+def test_two_ranges_need_a_previous_fix():
     ranges, _ = exact(sensor=ALONE)
     two = [True, False, False, True]
     (alone,) = feed(ONE, {0: (0, ranges, two, 0)})
@@ -181,7 +181,7 @@ def test_two_ranges_need_a_fix_before():
     assert (after.state.north, after.state.east) == pytest.approx((0.3, -0.2), abs=1e-5)
 
 
-def test_nan_old_and_doubled_pings_change_nothing():
+def test_nan_old_and_duplicate_pings_are_ignored():
     ranges, arrived = exact(sensor=ALONE)
     found = feed(
         ONE,
@@ -201,7 +201,7 @@ def test_nan_old_and_doubled_pings_change_nothing():
 
 
 @pytest.mark.thorough
-def test_beacons_in_a_row_are_too_diluted_to_be_believed():
+def test_collinear_beacons_give_excessive_dilution_and_no_fix():
     row = np.array([[0.0, y, -2.7] for y in (-1.5, -0.5, 0.5, 1.5)])
     at = np.array([0.002, 0.3])
     ranges = np.sqrt(((row[:, :2] - at) ** 2).sum(1) + 2.7**2)
@@ -211,7 +211,7 @@ def test_beacons_in_a_row_are_too_diluted_to_be_believed():
 
 
 @pytest.mark.thorough
-def test_in_flight_with_collisions():
+def test_errors_in_flight_with_collisions_stay_small():
     """Turning slowly: fixes within their noise, heading within that of the base; collisions cost fixes only."""
     sensor = replace(SENSOR, collisions=True)
     out = run(sensor, TWO, rate=0.05)
@@ -226,7 +226,7 @@ def test_in_flight_with_collisions():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("known", [False, True], ids=["first fix", "fix before"])
-def test_strays_do_not_throw_it_off(known):
+def test_stray_ranges_are_detected(known):
     """A tenth of the ranges wrong by up to 3 m: a single one is found, with a fix before always. Two at once, in a
     twentieth of the pings, mostly leave no fix; some cancel, which four ranges cannot show: one fix of a hundred.
     """
@@ -267,7 +267,7 @@ def as_c(estimator, *example):
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler")
-def test_exported_c_is_the_same():
+def test_generated_c_matches_jax():
     """Sixty pings of two units with missing, stray and NaN ranges: states and estimates within rounding."""
     estimator, rng = to_arrays(TWO), np.random.default_rng(0)
     state = jax.tree.map(np.asarray, estimator.init(key(0)))
@@ -289,7 +289,7 @@ def test_exported_c_is_the_same():
     assert modes >= {"all ranges", "one rejected", "two ranges", "inconsistent"}
 
 
-def test_it_is_an_estimator_and_refuses_what_cannot_be():
+def test_rejects_beacons_and_units_of_wrong_shape():
     assert isinstance(ONE, Estimator)
     assert ONE.listens == ("ranging",)
     TWO.check()
@@ -298,7 +298,7 @@ def test_it_is_an_estimator_and_refuses_what_cannot_be():
             replace(ONE, **changes).check()
 
 
-def test_without_cone_error_it_is_not_undone():
+def test_cone_compensation_can_be_switched_off():
     estimator = without(RangingPosition(), "cone-error")
     assert not estimator.cone
     assert without(RangingPosition(), "range-noise").frozen_after == 0

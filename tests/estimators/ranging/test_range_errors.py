@@ -1,4 +1,4 @@
-"""Who is doubted: a beacon that stands alone, or the filter that most contradict."""
+"""Diagnosis of rejected ranges: one moved beacon, or a lost filter."""
 
 from types import SimpleNamespace
 
@@ -30,7 +30,7 @@ def pings(*accepted, heard=(True,) * 4, innovation=1.0, fix=None):
     return fix, [np.asarray(a) for a in diagnose_beacons(fix, ERRORS)]
 
 
-def test_a_beacon_that_stands_alone_has_moved():
+def test_single_rejected_beacon_is_declared_moved():
     fix, (moved, _, lost) = pings(*[(1, 0, 1, 1)] * 4)
     np.testing.assert_array_equal(moved, [False, True, False, False])
     assert not lost
@@ -41,20 +41,20 @@ def test_a_beacon_that_stands_alone_has_moved():
     assert not lost
 
 
-def test_a_filter_that_most_contradict_is_lost():
+def test_filter_contradicted_by_most_beacons_is_lost():
     fix, (moved, _, lost) = pings(*[(0, 0, 0, 1)] * 4)
     assert lost
     assert not moved.any()
     assert int(fix.rejected_pings_in_a_row) == 4
 
 
-def test_half_of_the_beacons_for_long_is_a_lost_filter_too():
+def test_filter_contradicted_by_half_the_beacons_is_lost():
     _, (moved, _, lost) = pings(*[(0, 0, 1, 1)] * 4)
     assert lost
     assert not moved.any()
 
 
-def test_silence_says_nothing():
+def test_missing_ranges_are_not_counted_as_rejected():
     fix, (moved, _, lost) = pings(*[(0, 0, 0, 0)] * 9, heard=(False,) * 4)
     assert not moved.any()
     assert not lost
@@ -62,12 +62,12 @@ def test_silence_says_nothing():
 
 
 @pytest.mark.parametrize(("innovation", "forgiven"), [(0.02, True), (0.5, False)])
-def test_a_moved_beacon_that_fits_its_survey_for_long_is_forgiven(innovation, forgiven):
+def test_moved_beacon_is_forgiven_after_consistent_ranges(innovation, forgiven):
     fix = replace(no_range_fix(4), moved=np.array([False, True, False, False]))
     fix, (_, forgives, _) = pings(*[(1, 1, 1, 1)] * (FORGIVENESS_FACTOR * 4), innovation=innovation, fix=fix)
     np.testing.assert_array_equal(forgives, [False, forgiven, False, False])
 
 
-def test_ignoring_survey_errors_is_a_variance_of_nothing():
+def test_ignored_survey_errors_have_zero_variance():
     np.testing.assert_allclose(RangeErrorModel(scale=0.01, survey=0.1).variances(2), [1e-4, 1e-2, 1e-2])
     np.testing.assert_allclose(RangeErrorModel(scale=0.01, survey_errors="ignore").variances(2), [1e-4, 0, 0])

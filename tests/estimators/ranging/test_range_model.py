@@ -34,7 +34,7 @@ def slope_at(place, cone):
 
 
 @pytest.mark.parametrize("cone", [True, False])
-def test_it_is_what_the_sensor_measures(cone):
+def test_predicted_range_matches_the_sensor(cone):
     """The simulated network's h(x), [1] section 5.5.4."""
     o = np.zeros(3)
     sensor = UltrasonicRanging(cone_error=cone)
@@ -46,7 +46,7 @@ def test_it_is_what_the_sensor_measures(cone):
 
 @pytest.mark.parametrize("cone", [True, False])
 @pytest.mark.parametrize("place", [(0.3, -0.2), (1.5, -1.4), (1.2, -1.5)])
-def test_its_slope_is_its_derivative(place, cone):
+def test_slope_matches_automatic_derivative(place, cone):
     place = np.array(place)
     at = predict(BEACON, place, 0.0, cone=cone)
     want = slope_at(place, cone)
@@ -54,7 +54,7 @@ def test_its_slope_is_its_derivative(place, cone):
 
 
 @pytest.mark.thorough
-def test_its_curvature_is_that_of_the_distance():
+def test_curvature_matches_automatic_hessian():
     place = np.array([0.3, -0.2])
     want = jax.hessian(lambda p: predict_range(BEACON, p, 0.0, cone=False).range)(place)
     np.testing.assert_allclose(predict_range(BEACON, place, 0.0, cone=False).curvature, want, atol=1e-12)
@@ -62,7 +62,7 @@ def test_its_curvature_is_that_of_the_distance():
     np.testing.assert_allclose(predict_range(BEACON, place, 0.0, cone=True).curvature, with_cone, atol=0.05)
 
 
-def test_under_a_beacon_all_is_finite():
+def test_derivatives_are_finite_under_a_beacon():
     at = predict(BEACON, BEACON[:2], 0.0, cone=True)
     assert float(at.range) == pytest.approx(2.7)
     np.testing.assert_allclose(at.slope, 0.0, atol=1e-15)
@@ -70,7 +70,7 @@ def test_under_a_beacon_all_is_finite():
 
 
 @pytest.mark.thorough
-def test_it_exports():
+def test_predict_range_lowers_to_generated_c():
     assert lower_function(lambda b, p: predict_range(b, p, 0.0, cone=True), (BEACON, np.zeros(2))).text("f")
 
 
@@ -97,13 +97,13 @@ def linearised(i):
 
 
 @pytest.mark.parametrize("i", range(4))
-def test_it_is_the_derivative_of_the_range(i):
+def test_linearised_range_matches_automatic_derivative(i):
     at, value, slope = linearised(i)
     assert float(at.range) == pytest.approx(float(value), rel=1e-14)
     np.testing.assert_allclose(at.H, slope, atol=1e-12)
 
 
-def test_curvature_adds_what_drawn_states_show():
+def test_second_order_terms_match_monte_carlo():
     """Mean and variance beyond first order of 400000 states (Bar-Shalom 10.3.3)."""
     g = np.random.default_rng(0)
     x = X + np.sqrt(np.diag(P)) * g.standard_normal((400_000, 13))
@@ -114,7 +114,7 @@ def test_curvature_adds_what_drawn_states_show():
     assert rest.var() == pytest.approx(float(at.variance), rel=0.1)
 
 
-def test_a_ping_is_used_range_by_range():
+def test_update_accepts_and_rejects_each_range_separately():
     """The right ones are used, a wrong, a silent and a considered one not or hardly; the state comes nearer."""
     truth = X.copy()
     truth[[3, 4]] += [0.05, -0.1]
@@ -131,7 +131,7 @@ def test_a_ping_is_used_range_by_range():
     assert np.all(np.diag(np.asarray(done.P))[9:] == np.diag(P)[9:])
 
 
-def test_information_of_a_place_is_that_of_its_slopes():
+def test_position_information_matches_the_slopes():
     place = np.array([0.3, -0.2])
     used = np.array([True, True, False, True])
     slopes = np.array([predict(b, place, 0.05, cone=True).slope for b in SQUARE])[used]
@@ -140,7 +140,7 @@ def test_information_of_a_place_is_that_of_its_slopes():
 
 
 @pytest.mark.thorough
-def test_the_ranges_of_a_ping_export():
+def test_range_update_lowers_to_generated_c():
     learns = np.ones(13)
 
     def f(x, P, z):
@@ -158,7 +158,7 @@ def measured(degrees):
     return beta, true_range, true_range / np.asarray(range_ratio(beta))
 
 
-def test_newton_iterations():
+def test_newton_converges_in_three_iterations():
     """At most 5 iterations from 2 to 45° to 1e-6, and the true range comes back."""
     beta, true_range, rho = measured(np.linspace(2, 45, 2000))
     r, found, iterations = compensate(rho, np.full_like(rho, HEIGHT))
@@ -170,7 +170,7 @@ def test_newton_iterations():
     np.testing.assert_allclose(r, true_range, atol=3e-6)
 
 
-def test_range_not_above_the_height_is_returned():
+def test_range_below_the_height_is_returned_unchanged():
     rho = np.array([HEIGHT, HEIGHT - 1e-9, HEIGHT - 0.01, 0.5, 0.0])
     r, beta, iterations = compensate(rho, np.full_like(rho, HEIGHT))
     np.testing.assert_array_equal(r, rho)
@@ -178,7 +178,7 @@ def test_range_not_above_the_height_is_returned():
     assert (np.asarray(iterations) == 0).all()
 
 
-def test_calibration_table_backwards():
+def test_compensation_inverts_the_calibration_table():
     """[1] table 5.2: true ranges out of the measured ones, within 1.2e-4."""
     rho = np.array([274.83, 288.83, 315.07, 334.25]) / 100
     r, beta, _ = compensate(rho, np.full(4, HEIGHT))
@@ -186,7 +186,7 @@ def test_calibration_table_backwards():
     np.testing.assert_allclose(np.degrees(beta), [10, 20, 30, 35], atol=0.1)
 
 
-def test_below_two_degrees_where_the_slope_vanishes():
+def test_compensation_is_stable_below_two_degrees():
     """Two angles may fit there; either gives the range to a tenth of a millimetre, and no step runs away."""
     _, true_range, rho = measured(np.linspace(0.0, 2, 4001))
     assert np.radians(0.17) == pytest.approx(TOP, rel=0.01)
@@ -197,7 +197,7 @@ def test_below_two_degrees_where_the_slope_vanishes():
 
 
 @pytest.mark.thorough
-def test_noise_and_other_heights_stay_finite():
+def test_compensation_stays_finite_for_noisy_ranges():
     rng = np.random.default_rng(0)
     height = rng.uniform(-1, 9, 5000)
     rho = rng.uniform(0, 12, 5000)
@@ -210,7 +210,7 @@ def test_noise_and_other_heights_stay_finite():
 
 
 @pytest.mark.thorough
-def test_the_compensation_exports_and_differentiates():
+def test_compensation_lowers_to_c_and_is_differentiable():
     assert lower_function(compensate_range, [np.zeros(4), np.ones(4)]).outputs
     slope = jax.vmap(jax.grad(lambda rho: compensate_range(rho, HEIGHT)[0]))(np.array([2.5, 2.71, 3.0, 4.0]))
     assert np.isfinite(slope).all()

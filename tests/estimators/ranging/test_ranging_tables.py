@@ -44,14 +44,14 @@ def row(label, out):
         ("a tenth wrong", lambda: flown(sensor=rf.strays()), 0.28, 0.87),
     ],
 )
-def test_errors_of_the_page(label, how, heading, place):
+def test_errors_match_the_documented_table(label, how, heading, place):
     """Each figure of the page, to what its digits say."""
     found = row(label, how())
     assert found[0] == pytest.approx(heading, abs=0.006)
     assert found[1] == pytest.approx(place, abs=0.006)
 
 
-def test_after_a_silence():
+def test_outage_errors_match_the_documented_values():
     out = flown(spoilt=GAP)
     at_its_end, later = 100 * rms(out, 97, 98)[1], 100 * rms(out, 103, 104)[1]
     print(f"silence: {at_its_end:.2f} cm at its end, {later:.2f} cm half a second later")
@@ -60,7 +60,7 @@ def test_after_a_silence():
 
 
 @pytest.mark.parametrize(("name", "path"), [("platform", rf.platform), ("weaving", weave), ("at rest", still)])
-def test_nees_of_the_page(name, path):
+def test_nees_matches_the_documented_values(name, path):
     found = {}
     for kind in ("consider", "estimate", "ignore"):
         form = replace(TIGHT, errors=replace(TIGHT.errors, survey_errors=kind))

@@ -48,7 +48,7 @@ def fly(heading, rate, force, v, p, pings=4, noise=0.0, steps=50):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("heading", [-3.0, -1.0, 0.0, 2.0])
-def test_four_pings_of_two_units_give_all(heading):
+def test_four_pings_of_two_units_give_the_full_state(heading):
     """Turning and accelerating, from any heading: exact."""
     start, truth = fly(heading, -2.0, (0.3, -1.2), (0.4, -0.2), (1.0, 2.0))
     found = rs.solve_start(start, np.zeros(2), **LIMITS)
@@ -57,7 +57,7 @@ def test_four_pings_of_two_units_give_all(heading):
 
 
 @pytest.mark.thorough
-def test_three_pings_are_refused_and_nonsense_is_refuted():
+def test_three_or_inconsistent_pings_give_no_start():
     start, _ = fly(0.5, 0.1, (0, 0), (0, 0), (0, 0), pings=3)
     assert not rs.solve_start(start, np.zeros(2), **LIMITS).usable
     start, _ = fly(0.5, 0.1, (0, 0), (0, 0), (0, 0), pings=8, noise=0.5)
@@ -67,8 +67,8 @@ def test_three_pings_are_refused_and_nonsense_is_refuted():
 
 
 @pytest.mark.thorough
-def test_the_covariance_is_that_of_least_squares():
-    """Errors of 400 noisy starts, against the covariance that each tells: NEES 5 of 5."""
+def test_start_covariance_is_consistent_over_400_starts():
+    """Errors of 400 noisy starts against the reported covariance: NEES 5 of 5."""
     total = []
     start, truth = fly(0.7, 0.5, (0.2, 0.1), (0.1, 0.2), (1.0, 2.0), pings=6)
     found = jax.jit(lambda s: rs.solve_start(s, np.zeros(2), **LIMITS))
@@ -88,7 +88,7 @@ def vars_of(start):
 
 
 @pytest.mark.thorough
-def test_what_the_biases_do_in_the_elapsed_time_is_added():
+def test_bias_uncertainty_grows_with_elapsed_time():
     """A constant rate error turns by its time, a constant force error moves by half its time squared."""
     start, _ = fly(0.7, 0.0, (0, 0), (0.1, 0.2), (1.0, 2.0), pings=6)
     gyro, force, T = 0.02, 0.3, 0.5
@@ -100,7 +100,7 @@ def test_what_the_biases_do_in_the_elapsed_time_is_added():
 
 
 @pytest.mark.thorough
-def test_one_unit_that_stands_still_needs_a_heading():
+def test_single_stationary_unit_needs_a_heading():
     start = jax.tree.map(jnp.asarray, rs.empty_start())
     for _ in range(5):
         start = rs.add_unit_position(start, np.array([1.0, 2.0]), np.zeros(2), W)
@@ -111,18 +111,18 @@ def test_one_unit_that_stands_still_needs_a_heading():
     np.testing.assert_allclose(found.x, [0.6, 0, 0, 1, 2], atol=1e-9)
 
 
-def test_nothing_is_carried_before_the_first_ping():
+def test_start_is_not_propagated_before_the_first_ping():
     start = jax.tree.map(jnp.asarray, rs.empty_start())
     assert float(_carried(start, 0.1, np.ones(3)).elapsed) == 0.0
     assert float(rs.add_heading(start, 0.3, 1.0).N[4, 4]) == 0.0
 
 
 @pytest.mark.thorough
-def test_it_exports():
+def test_start_solution_lowers_to_generated_c():
     assert lower_function(lambda s: rs.solve_start(s, np.zeros(2), **LIMITS), (rs.empty_start(),)).text("f")
 
 
-def test_a_lost_filter_begins_with_an_empty_start():
+def test_lost_filter_restarts_from_an_empty_start():
     """All four ranges 3 m too long; the patience is one ping."""
     form = TightlyCoupled(errors=RangeErrorModel(patience=1), begins="given")
     node = replace(form.first(), start=replace(rs.empty_start(), pings=np.int32(3), elapsed=np.float64(2)))

@@ -79,7 +79,7 @@ in_time = jax.jit(rf.flown, compiler_options=rf.SWIFT)
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("path", "place", "heading"), [(still, 1e-5, 1e-5), (rf.platform, 1e-4, 1e-4)])
-def test_perfect_ranges_give_the_truth(path, place, heading):
+def test_perfect_ranges_give_the_true_state(path, place, heading):
     """From nothing. On the platform the trapezoid of the IMU's tick is what is left: 22 um a lap."""
     flight = rf.plan(path, 5.0)
     sensor = rf.network(beacons=Beacons(), collisions=False)
@@ -95,7 +95,7 @@ def test_perfect_ranges_give_the_truth(path, place, heading):
 
 
 @pytest.mark.thorough
-def test_with_linear_geometry_it_is_the_kalman_filter():
+def test_linear_geometry_matches_dense_kalman_filter():
     """Beacons 1000 km away, heading known, no force: against a dense filter of 10 states."""
     far, s = 1e6, 1e-9
     beacons = far * np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
@@ -164,15 +164,15 @@ def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
 
 
 @pytest.mark.thorough
-def test_it_stays_honest_on_the_network(usual):
-    """Errors that hang together in time: considering them gives 8 to 9.2 of 8, ignoring them three times that."""
+def test_nees_stays_consistent_with_correlated_errors(usual):
+    """Errors correlated in time: considering them gives NEES 8 to 9.2 of 8, ignoring them three times that."""
     assert nees_verdict(rf.nees_of(usual)[:, FROM:], 8).mean < 9.2
     ignoring = replace(TIGHT, errors=replace(TIGHT.errors, survey=np.float64(0)))
     assert rf.nees_of(flown(ignoring))[:, FROM:].mean() > 24
 
 
 @pytest.mark.thorough
-def test_it_starts_by_itself_within_a_second(usual):
+def test_filter_starts_within_one_second(usual):
     fix = usual.node.position_fix
     assert fix.tracking[:, 9:].all()
     assert (fix.starts[:, -1] == 1).all()
@@ -204,7 +204,7 @@ def loose(unit):
 
 
 @pytest.mark.thorough
-def test_it_beats_loosely_coupled_on_the_platform(usual):
+def test_tightly_coupled_beats_loosely_coupled_on_the_platform(usual):
     """RangingPosition into the coupled form, which starts at the truth. Stated: heading 10 times better than the chain
     with fix and heading; place 1.2 times better than the best use of fixes, 3 times with three beacons and 2 with two,
     as a fix of two or three ranges can't tell the speed of sound.
@@ -229,7 +229,7 @@ def test_two_beacons_are_enough():
 
 
 @pytest.mark.thorough
-def test_outliers_do_not_throw_it_off(usual):
+def test_error_stays_small_with_range_outliers(usual):
     """10 % of the ranges wrong by up to 3 m, from the start on."""
     out = flown(sensor=rf.strays())
     fix = out.node.position_fix
@@ -244,7 +244,7 @@ def test_outliers_do_not_throw_it_off(usual):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("probability", [0.0, 0.1])
-def test_five_seconds_without_ranges_leave_nothing_behind(probability):
+def test_five_second_range_outage_grows_sigma_and_recovers(probability):
     out = flown(sensor=rf.strays(probability), spoilt=GAP)
     sigma = np.sqrt(out.node.P[:, :, 3, 3])
     assert (np.diff(sigma[:, 51:98], axis=1) > 0).all()
@@ -257,7 +257,7 @@ def test_five_seconds_without_ranges_leave_nothing_behind(probability):
 
 
 @pytest.mark.thorough
-def test_a_moved_beacon_is_found_and_the_rest_carries_on():
+def test_moved_beacon_is_detected_and_excluded():
     moved = np.array([[0, 0, 0], [0.5, 0, 0], [0, 0, 0], [0, 0, 0]])
     out = flown(sensor=rf.network(beacons=Beacons(survey_error=0.005, moved=moved, fault_time=ms(4000))))
     fix = out.node.position_fix
@@ -268,7 +268,7 @@ def test_a_moved_beacon_is_found_and_the_rest_carries_on():
 
 
 @pytest.mark.thorough
-def test_a_beacon_that_was_hidden_for_a_while_is_believed_again():
+def test_temporarily_hidden_beacon_is_used_again():
     out = flown(spoilt=HIDDEN)
     fix = out.node.position_fix
     assert fix.moved[:, 55, 2].all()
@@ -278,7 +278,7 @@ def test_a_beacon_that_was_hidden_for_a_while_is_believed_again():
 
 
 @pytest.mark.thorough
-def test_a_filter_that_is_lost_starts_again():
+def test_lost_filter_restarts():
     """Three beacons of four contradict it for 1.5 s; what they say can't be, so it waits until it can."""
     out = flown(spoilt=LIES)
     fix = out.node.position_fix
@@ -308,7 +308,7 @@ def _fly(form, frames):
 
 
 @pytest.mark.thorough
-def test_pings_that_come_late_are_fused_when_they_were_sent(ride):
+def test_late_pings_are_fused_at_their_send_time(ride):
     """Replies come up to 100 ms after the ping: equal to the filter that got all in time, to 1e-9."""
     flight, imu_reading, off, replies, last = ride
     told, node = _fly(LINEAR, rf.late_frames(LINEAR, flight, imu_reading, replies, np.minimum(last, 0.09)))
@@ -328,7 +328,7 @@ def test_pings_that_come_late_are_fused_when_they_were_sent(ride):
 
 
 @pytest.mark.thorough
-def test_nan_doubled_and_backward_samples_are_flagged_and_change_nothing(ride):
+def test_nan_duplicate_and_backwards_samples_are_flagged_and_ignored(ride):
     flight, imu_reading, _, replies, last = ride
     frames = rf.late_frames(LINEAR, flight, imu_reading, replies, last)
     good, _ = _fly(LINEAR, frames)
@@ -357,7 +357,7 @@ def test_nan_doubled_and_backward_samples_are_flagged_and_change_nothing(ride):
 
 
 @pytest.mark.thorough
-def test_a_heading_sensor_helps_to_start_and_later():
+def test_heading_sensor_enables_start_with_one_unit():
     """One unit at rest: ranges tell no heading, the sensor does."""
     form = to_arrays(replace(TIGHT, units=np.zeros((1, 3)), intake=replace(TIGHT.intake, heading="compass")))
     flight = rf.plan(still, 3.0)
@@ -377,7 +377,7 @@ def test_a_heading_sensor_helps_to_start_and_later():
 
 
 @pytest.mark.thorough
-def test_it_exports():
+def test_filter_functions_lower_to_generated_c():
     form = to_arrays(replace(TIGHT, intake=replace(TIGHT.intake, slots=24)))
     node = form.first()
     value = np.array([3.4, 3.5, 3.6, 3.5, 0.0])
@@ -387,7 +387,7 @@ def test_it_exports():
     )
 
 
-def test_it_is_an_estimator_and_refuses_what_cannot_be():
+def test_rejects_invalid_parameters():
     form = TightlyCoupled()
     form.check()
     assert isinstance(form, Estimator)

@@ -1,4 +1,4 @@
-"""A ping's effect on a filter that runs, and how it loses and finds itself; flights are in test_tightly_coupled.py."""
+"""A ping's effect on a running filter, loss of track and recovery. Flights are in test_tightly_coupled.py."""
 
 import jax
 import jax.numpy as jnp
@@ -44,7 +44,7 @@ def least(P):
 
 
 @pytest.mark.thorough
-def test_a_moved_beacon_is_doubted_and_forgiven_and_the_covariance_stays_one():
+def test_moved_beacon_is_excluded_then_restored():
     n, seen = node(), []
     for k in range(70):
         n = _tracked(n, ranges((0.0, 0.0, 0.5 if k < 12 else 0.0, 0.0)))
@@ -58,7 +58,7 @@ def test_a_moved_beacon_is_doubted_and_forgiven_and_the_covariance_stays_one():
 
 
 @pytest.mark.thorough
-def test_contradiction_by_most_ends_the_run():
+def test_contradiction_by_most_beacons_ends_tracking():
     n = node()
     for _ in range(8):
         assert n.position_fix.tracking
@@ -70,7 +70,7 @@ def test_contradiction_by_most_ends_the_run():
 
 
 @pytest.mark.thorough
-def test_ranges_must_agree_with_each_other_while_it_is_unsure():
+def test_ranges_must_be_consistent_while_covariance_is_large():
     agree, place, good = _agreeing(node(sure=False), ranges())
     assert good
     assert list(np.asarray(agree)) == [True] * 4
@@ -83,7 +83,7 @@ def test_ranges_must_agree_with_each_other_while_it_is_unsure():
     assert not np.asarray(agree).any()
 
 
-def test_who_learns():
+def test_correction_mask_selects_the_observable_states():
     """Two units: all but the beacons' errors. One unit at rest: neither heading nor gyro bias."""
     assert list(np.asarray(correction_mask(FORM, node()))) == [1] * 9 + [0] * 4
     one = replace(FORM, units=PAIR[:1])
@@ -92,7 +92,7 @@ def test_who_learns():
     assert list(np.asarray(correction_mask(one, pushed))) == [1] * 9 + [0] * 4
 
 
-def test_the_scale_walks_with_the_square_root_of_time():
+def test_scale_variance_grows_linearly_with_time():
     """Its variance grows by scale_walk^2 for each second, in steps of any length."""
     wandering = replace(FORM, errors=replace(FORM.errors, scale_walk=1e-2))
     propagate = jax.jit(lambda n, dt: wandering.propagate(n, dt, jnp.zeros(3), jnp.zeros(2)))
@@ -106,10 +106,10 @@ def test_the_scale_walks_with_the_square_root_of_time():
     np.testing.assert_array_equal(np.diag(once.P)[9:], np.diag(start.P)[9:])
 
 
-def test_either_chooses_whole_trees():
+def test_tree_where_selects_complete_trees():
     assert tree_where(np.bool_(True), {"a": 1.0}, {"a": 2.0})["a"] == 1.0
 
 
 @pytest.mark.thorough
-def test_it_exports():
+def test_ping_update_lowers_to_generated_c():
     assert lower_function(lambda n, z: update_running(FORM, n, z, 0, YES), (node(), ranges())).text("f")

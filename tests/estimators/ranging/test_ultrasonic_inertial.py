@@ -58,7 +58,7 @@ def faultless(scenario):
 
 
 @pytest.mark.thorough
-def test_with_perfect_sensors_it_finds_the_truth(scenario):
+def test_perfect_sensors_converge_to_the_truth(scenario):
     """What is left: the way from a start that knows nothing, which the filter's own noise takes seconds to forget."""
     (log,) = flown(replace(faultless(scenario), duration=seconds(12)), [3])
     late = log.t > 11
@@ -68,7 +68,7 @@ def test_with_perfect_sensors_it_finds_the_truth(scenario):
 
 
 @pytest.mark.thorough
-def test_errors_are_as_large_as_it_says(scenario):
+def test_errors_are_consistent_with_sigmas(scenario):
     """On sensors with all their faults, errors of survey and temperature constant over a flight among them.
 
     64 flights, for a constant error is one draw a flight.
@@ -82,7 +82,7 @@ def test_errors_are_as_large_as_it_says(scenario):
 
 
 @pytest.mark.thorough
-def test_innovations_are_as_large_as_it_says_and_without_a_tail():
+def test_innovations_are_consistent_without_outliers():
     """Of six flights: NIS near 1 a number, and no heading far out where one unit's beacons lie badly."""
     made, _ = catalogue.load_scenario("hovercraft/forward", {"navigation": "ins"})
     logs = simulate_many(made, seeds=range(6), signals=("truth", "estimate"))
@@ -95,7 +95,7 @@ def test_innovations_are_as_large_as_it_says_and_without_a_tail():
 
 
 @pytest.mark.thorough
-def test_it_starts_by_itself(scenario):
+def test_filter_starts_from_unknown_heading_and_position(scenario):
     """Heading and position unknown, turning at 2 rad/s: both fixes within 0.3 s, a hundredth of a turn within 3 s."""
     for log in flown(scenario, range(4)):
         assert log.t[np.argmax(log["estimate.valid"])] < 0.4
@@ -103,7 +103,7 @@ def test_it_starts_by_itself(scenario):
 
 
 @pytest.mark.thorough
-def test_a_beacon_moved_by_half_a_metre_is_left_out(scenario):
+def test_beacon_moved_by_half_a_metre_is_excluded(scenario):
     n = len(scenario.world.sensors["ranging"].beacons.map)
     moved = np.zeros((n, 3))
     nearest = np.argmin(np.sum(scenario.world.sensors["ranging"].beacons.map[:, :2] ** 2, axis=1))
@@ -157,7 +157,7 @@ class Spoiled:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("fault", FAULTS)
-def test_faults_of_the_ranging_end_in_a_signal_and_an_honest_sigma(scenario, fault):
+def test_ranging_faults_are_flagged_and_sigmas_stay_consistent(scenario, fault):
     ranging = Spoiled(scenario.world.sensors["ranging"], np.float64(FAULTS.index(fault)))
     positioning = scenario.autopilot.estimator.positioning
     world = replace(scenario.world, sensors=scenario.world.sensors | {"ranging": ranging}, downlink=Wire())
@@ -184,7 +184,7 @@ def test_faults_of_the_ranging_end_in_a_signal_and_an_honest_sigma(scenario, fau
 
 
 @pytest.mark.thorough
-def test_one_unit_on_a_lever_is_as_honest_as_at_the_centre(scenario):
+def test_single_unit_on_lever_arm_stays_consistent(scenario):
     """Heading unknown at first, and no sensor for it: what the lever arm hides is not noise that averages away."""
     made = scenario.autopilot.estimator
     lever = PAIR[:1]
@@ -204,7 +204,7 @@ def test_one_unit_on_a_lever_is_as_honest_as_at_the_centre(scenario):
         assert np.median(normalised) < 1.5, (signal, normalised)
 
 
-def test_parts_that_do_not_fit_are_refused():
+def test_rejects_inconsistent_parts():
     three = RangingPosition(units=np.vstack([PAIR, PAIR[:1] + 0.1]))
     with pytest.raises(InputError, match="number of ultrasonic units must be 1 or 2, got 3"):
         UltrasonicInertial(positioning=three).check()
