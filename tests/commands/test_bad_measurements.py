@@ -82,7 +82,7 @@ EVERY = {
 
 @pytest.mark.parametrize("procedure", FILES)
 @pytest.mark.parametrize("what", EVERY)
-def test_what_every_procedure_refuses(procedure, what, bench, tmp_path):
+def test_every_procedure_rejects_malformed_measurements(procedure, what, bench, tmp_path):
     change, said = EVERY[what]
     done = calibrate(procedure, change(bench[procedure]), tmp_path)
     if what == "three lines" and done.exit_code == 0:
@@ -135,7 +135,7 @@ OWN = {
 
 @pytest.mark.thorough("reference and gyro swapped")
 @pytest.mark.parametrize("what", OWN)
-def test_what_a_procedure_refuses(what, bench, tmp_path):
+def test_procedure_rejects_its_own_invalid_measurements(what, bench, tmp_path):
     procedure, change, said = OWN[what]
     done = calibrate(procedure, change(bench[procedure]), tmp_path)
     assert done.exit_code == 2, done.output
@@ -152,7 +152,7 @@ NAMED = {
 
 
 @pytest.mark.parametrize("what", NAMED)
-def test_what_is_fitted_and_named(what, bench, tmp_path):
+def test_doubtful_measurements_are_fitted_and_reported(what, bench, tmp_path):
     procedure, change, said = NAMED[what]
     done = calibrate(procedure, change(bench[procedure]), tmp_path)
     assert done.exit_code == 0, done.output
@@ -160,7 +160,7 @@ def test_what_is_fitted_and_named(what, bench, tmp_path):
 
 
 @pytest.mark.parametrize("procedure", FILES)
-def test_what_is_right_is_fitted(procedure, bench, tmp_path):
+def test_valid_measurements_are_fitted_without_remarks(procedure, bench, tmp_path):
     """Also below a comment, but for what a program records; nothing is left out of it, and nothing is wild."""
     lines = bench[procedure] if procedure == "link" else ["# an afternoon", *bench[procedure]]
     done = calibrate(procedure, lines, tmp_path)

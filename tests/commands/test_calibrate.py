@@ -45,7 +45,7 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.thorough
-def test_every_sample_of_the_unit_is_in_the_log(still):
+def test_log_contains_every_sensor_sample(still):
     """Rows of 5 ms hold each sample of 6.5536 ms once or twice; none is missed but one after the last row."""
     found = samples(still, RATE)
     assert found.period == pytest.approx(0.0065536, rel=1e-12)
@@ -54,7 +54,7 @@ def test_every_sample_of_the_unit_is_in_the_log(still):
 
 
 @pytest.mark.thorough
-def test_coefficients_lie_in_their_intervals(still):
+def test_true_coefficients_lie_in_confidence_intervals(still):
     """White noise and walk of each axis, and no flicker, as the unit has none; 95 % each, so 16 of 18 at least."""
     inside = []
     for path, N, K in ((RATE, GYRO_N, GYRO_K), (FORCE, FORCE_N, FORCE_K)):
@@ -68,7 +68,7 @@ def test_coefficients_lie_in_their_intervals(still):
 
 
 @pytest.mark.thorough
-def test_a_calibration_holds_what_the_sensor_has(folder, tmp_path):
+def test_calibration_file_contains_true_sensor_noise(folder, tmp_path):
     """What made the log is within three standard errors of the file; the walk can not be told, and that is said."""
     file = tmp_path / "boat.toml"
     done = call("calibrate", "noise", folder / "run.mcap", "--out", file)
@@ -90,7 +90,7 @@ def test_a_calibration_holds_what_the_sensor_has(folder, tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_flight_has_the_noise_of_the_file_and_a_filter_of_another_step_is_refused(tmp_path):
+def test_flight_has_calibrated_noise_and_rejects_filter_with_other_step(tmp_path):
     """A gyro of three times the noise, at rest, in deg/s; flown again, its samples scatter by what was measured."""
     g, n = np.random.default_rng(2), 8192
     noisy = np.degrees(3 * GYRO_N / math.sqrt(0.01)) * g.standard_normal((n, 3))
@@ -115,7 +115,7 @@ def test_a_flight_has_the_noise_of_the_file_and_a_filter_of_another_step_is_refu
 
 
 @pytest.mark.thorough
-def test_json_of_a_log_that_run_wrote(folder):
+def test_json_reports_noise_of_simulated_log(folder):
     done = call("calibrate", "noise", folder / "run.mcap", "--json")
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)["signals"]
@@ -131,7 +131,7 @@ def test_json_of_a_log_that_run_wrote(folder):
 
 
 @pytest.mark.thorough
-def test_table_and_picture(folder, tmp_path):
+def test_prints_table_and_writes_plot(folder, tmp_path):
     words = ("--signal", RATE, "--tick", "10 ms", "--plot", tmp_path / "noise.png")
     done = call("calibrate", "noise", folder / "run.mcap", *words)
     assert done.exit_code == 0, done.output
@@ -144,7 +144,7 @@ def test_table_and_picture(folder, tmp_path):
     assert found["entries"]["InertialNoise.gyro"]["value"] == pytest.approx(axis["white"]["value"] ** 2 / 0.01)
 
 
-def test_csv_of_another_logger(tmp_path):
+def test_reads_csv_of_another_logger(tmp_path):
     g, n, dt = np.random.default_rng(0), 8000, 0.01
     y = g.standard_normal(n) * GYRO_N / math.sqrt(dt)
     rows = "\n".join(f"{5 + i * dt:.4f},{v:.9g},21.5" for i, v in enumerate(y))
@@ -160,7 +160,7 @@ def test_csv_of_another_logger(tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_log_that_is_too_short_or_moves_or_has_gaps_is_refused(folder, tmp_path):
+def test_rejects_log_that_is_short_moving_or_has_gaps(folder, tmp_path):
     from trimtab.logs.log import Log
 
     log = read_mcap(folder / "run.mcap")
@@ -210,7 +210,7 @@ REFUSED = {
     "a flag",
 )
 @pytest.mark.parametrize("name", REFUSED)
-def test_refused(folder, name):
+def test_invalid_arguments_are_rejected(folder, name):
     words, wanted = REFUSED[name]
     done = call("calibrate", "noise", *(folder / "run.mcap" if w == "LOG" else w for w in words))
     assert done.exit_code == 2
@@ -219,12 +219,12 @@ def test_refused(folder, name):
 
 
 @pytest.mark.thorough
-def test_nothing_in_the_still_scenario_moves():
+def test_still_scenario_has_no_motion():
     log = simulate(replace(scenario(), duration=ms(500)), signals=("truth", "actuators"))
     assert all(not log[p].any() for p in log.paths)
 
 
-def test_gaps_and_columns_of_text_in_the_csv_of_another_logger(tmp_path):
+def test_csv_gaps_and_text_columns_are_reported(tmp_path):
     """One sample of 3000 is lost, one column is text: both are reported."""
     g = np.random.default_rng(1).standard_normal((3000, 3)) * 1e-3
     rows = [f"{10**9 + 5000 * i},{v[0]:.9f},{v[1]:.9f},{v[2]:.9f},AUTO" for i, v in enumerate(g) if i != 1000]
@@ -245,7 +245,7 @@ def test_gaps_and_columns_of_text_in_the_csv_of_another_logger(tmp_path):
     assert "line 2, column 'mode'" in asked.output
 
 
-def test_columns_without_an_axis_have_no_place_and_two_of_one_axis_are_refused(tmp_path):
+def test_rejects_csv_columns_without_axis_or_with_duplicate_axis(tmp_path):
     g = np.random.default_rng(0).standard_normal((2048, 2))
     rows = "\n".join(f"{i * 0.01:.2f},{a:.6f},{b:.6f}" for i, (a, b) in enumerate(g))
     file = tmp_path / "a.csv"

@@ -350,5 +350,5 @@ CASES = [
 
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize(("scenario", "verb"), CASES)
-def test_a_scenario_passes(scenario: str, verb: str, tmp_path: Path) -> None:
+def test_every_verb_works_on_each_scenario(scenario: str, verb: str, tmp_path: Path) -> None:
     VERBS[verb](scenario.partition(",")[0], SCENARIOS[scenario], tmp_path)

@@ -28,7 +28,7 @@ def call(*words):
 
 
 @pytest.mark.thorough
-def test_plot_draws_the_signals_that_are_named(flights):
+def test_plot_draws_only_named_signals(flights):
     log, picture = flights / "a" / "run.mcap", flights / "some.svg"
     done = call("plot", log, "truth.yaw_rate", "actuators.*", "--until", "500 ms", "--plot", picture, "--json")
     assert done.exit_code == 0, done.output
@@ -40,7 +40,7 @@ def test_plot_draws_the_signals_that_are_named(flights):
 
 
 @pytest.mark.thorough
-def test_plot_without_signals_draws_all_beside_the_log(flights):
+def test_plot_without_signals_draws_all_next_to_log(flights):
     assert call("plot", flights / "b" / "run.mcap").exit_code == 0  # the run's own picture lies there: it is trimtab's
     refused = call("plot", flights / "b" / "run.mcap", "truth.yaw_rat")
     assert refused.exit_code == 2
@@ -48,7 +48,7 @@ def test_plot_without_signals_draws_all_beside_the_log(flights):
 
 
 @pytest.mark.thorough
-def test_compare_says_where_two_flights_differ(flights, tmp_path):
+def test_compare_reports_first_difference_between_two_flights(flights, tmp_path):
     logs = (flights / "a" / "run.mcap", flights / "b" / "run.mcap")
     done = call("compare", *logs, "--plot", tmp_path / "both.png")
     assert done.exit_code == 1
@@ -60,7 +60,7 @@ def test_compare_says_where_two_flights_differ(flights, tmp_path):
 
 
 @pytest.mark.thorough
-def test_compare_of_one_log_flies_it_again(flights):
+def test_compare_with_one_log_repeats_the_flight(flights):
     done = call("compare", flights / "b" / "run.mcap", "--json")
     assert done.exit_code == 0, done.output
     said = json.loads(done.stdout)
@@ -78,7 +78,7 @@ def complete(*words):
 
 
 @pytest.mark.thorough
-def test_a_shell_completes_verbs_scenarios_and_settings():
+def test_shell_completion_offers_verbs_scenarios_and_settings():
     assert set(complete("trimtab", "com")) == {"compare", "completion"}
     assert complete("trimtab", "run", "hovercraft/zero") == [REST]
     assert call("list", REST).exit_code == 0
@@ -86,7 +86,7 @@ def test_a_shell_completes_verbs_scenarios_and_settings():
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_prints_a_script_of_the_shell(shell):
+def test_completion_prints_script_for_each_shell(shell):
     done = call("completion", shell)
     assert done.exit_code == 0
     assert "_TRIMTAB_COMPLETE" in done.stdout

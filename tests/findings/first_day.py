@@ -301,22 +301,22 @@ FINDINGS = [
         "typo of a scenario or a first word",
         "run hovercraft/spinn, campaign hovercraft/spin --set wrld.mass=3",
         "2.5 to 4.6 s before the message",
-        lambda: run_tests("commands/test_output.py::test_a_typo_is_answered_before_anything_heavy_is_imported"),
+        lambda: run_tests("commands/test_output.py::test_typo_is_reported_before_heavy_imports"),
     ),
     Finding(
         "typo in a path, after a run or a first typo",
         "run hovercraft/spin --set world.vehicle.mas=3",
         "3.4 s before the message",
         lambda: run_tests(
-            "commands/test_output.py::test_a_path_that_was_wrong_once_is_answered_at_once",
-            "commands/test_output.py::test_a_path_is_known_after_a_run",
+            "commands/test_output.py::test_repeated_wrong_path_is_reported_without_importing_jax",
+            "commands/test_output.py::test_run_caches_setting_paths_of_scenario",
         ),
     ),
     Finding(
         "full disk",
         "list > /dev/full",
         "a traceback of 40 lines",
-        lambda: run_tests("commands/test_standard_streams.py::test_a_full_disk_is_one_line_and_exit_code_1"),
+        lambda: run_tests("commands/test_standard_streams.py::test_full_disk_prints_one_line_and_exits_with_1"),
     ),
     Finding(
         "narrow terminal",
