@@ -363,7 +363,7 @@ FINDINGS = [
         "firmware of any vehicle",
         "firmware vessel/path",
         "every vehicle but the fan hovercraft is refused",
-        lambda: run_tests("firmware/test_any_vehicle.py::test_a_pulse_for_each_number_of_the_command_by_its_table"),
+        lambda: run_tests("firmware/test_any_vehicle.py::test_pulse_tables_map_each_component_of_the_command"),
     ),
     Finding("slips in an own law or vehicle", "44 files", "tracebacks, wrong advice", _own_slips),
     Finding("short reprs", "repr(scenario), repr(log)", "4 692 to 33 483 characters", _short_reprs),

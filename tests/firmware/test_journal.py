@@ -48,7 +48,7 @@ def check(power, written, begun):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("garbage", [0, 1])
-def test_the_power_may_fail_at_every_single_operation(power, garbage):
+def test_survives_power_failure_at_every_flash_operation(power, garbage):
     """The same life of 150 records, sectors changing under it, cut at its first operation, its second, ... its last."""
     power.power_new(3, garbage)
     power.power_start(0, TAGS)
@@ -68,7 +68,7 @@ def test_the_power_may_fail_at_every_single_operation(power, garbage):
         assert power.power_abuses() == 0  # nothing was written where an erasure had not been finished
 
 
-def test_the_power_fails_again_and_again_also_while_it_starts(power):
+def test_survives_repeated_power_failures_during_startup(power):
     rng = np.random.default_rng(11)
     power.power_new(4, 1)
     written, begun, cuts = {}, {}, 0
@@ -84,7 +84,7 @@ def test_the_power_fails_again_and_again_also_while_it_starts(power):
     assert power.power_abuses() == 0
 
 
-def test_without_rest_it_goes_on_in_the_other_sector_and_then_refuses(power):
+def test_without_erasure_fills_second_sector_then_rejects_records(power):
     """Nothing is erased while armed: two sectors' worth of records, then no more, and each refusal counted."""
     power.power_new(1, 0)
     power.power_start(0, TAGS)
@@ -100,7 +100,7 @@ def test_without_rest_it_goes_on_in_the_other_sector_and_then_refuses(power):
     assert append(power, 0, 99) == 1
 
 
-def test_what_is_not_copied_keeps_at_least_the_last_half(power):
+def test_uncopied_records_keep_at_least_the_last_half(power):
     """The black box: of a long flight after a rest, the last records are there."""
     power.power_new(2, 0)
     power.power_start(0, 0)
