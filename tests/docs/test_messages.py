@@ -64,24 +64,24 @@ def matching(text):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("what", WRONG)
-def test_what_python_refuses_is_on_the_page(what):
+def test_python_errors_are_on_the_messages_page(what):
     assert matching(refusal(WRONG[what]))
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("what", TYPED)
-def test_what_the_command_line_refuses_is_on_the_page(what):
+def test_command_line_errors_are_on_the_messages_page(what):
     answer = CliRunner().invoke(main, TYPED[what].split())
     assert answer.exit_code == 2
     assert matching(answer.stderr.splitlines()[0].removeprefix("Error: ")), answer.stderr
 
 
 @pytest.mark.thorough
-def test_a_message_that_the_program_has_not_is_not_on_the_page():
+def test_foreign_message_is_not_on_the_messages_page():
     assert matching("world.vehicle.mass: the moon is in its way") is None
 
 
-def test_a_text_is_followed_through_names_choices_and_functions(tmp_path, monkeypatch):
+def test_message_text_is_resolved_through_names_branches_and_functions(tmp_path, monkeypatch):
     monkeypatch.setattr(messages, "PACKAGE", tmp_path)
     (tmp_path / "hull.py").write_text(
         "class InputError:\n"
@@ -104,7 +104,7 @@ def test_a_text_is_followed_through_names_choices_and_functions(tmp_path, monkey
     ]
 
 
-def test_nearly_every_refusal_of_the_sources_is_on_the_page():
+def test_nearly_every_input_error_is_on_the_messages_page():
     """A call whose problem is all hole, such as an error passed on, is said where its words stand."""
     calls = sum(len(re.findall(r"\bInputError\(", path.read_text("utf-8"))) for path in messages.PACKAGE.rglob("*.py"))
     assert len(said()) > 0.95 * calls

@@ -351,7 +351,7 @@ FINDINGS = [
         "commands of the front page",
         "each command of README.md as printed",
         "command not found",
-        lambda: run_tests("docs/test_front_pages.py::test_every_command_of_the_front_page_is_one_as_it_stands"),
+        lambda: run_tests("docs/test_front_pages.py::test_every_readme_command_is_valid"),
     ),
     Finding(
         "picture of a run",
