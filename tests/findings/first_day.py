@@ -335,7 +335,7 @@ FINDINGS = [
         "trimtab.list(), simulate(name, dt=0.01), log.time, log[0], scenario.vehicle",
         "19 bare AttributeErrors or TypeErrors",
         lambda: run_tests(
-            "test_front_door.py::test_another_common_name_is_answered_with_ours",
+            "test_front_door.py::test_common_alternative_name_suggests_ours",
             "core/test_explain_call.py",
             "logs/test_log.py::test_a_missing_member_names_what_to_write",
             "loop/test_summary.py::test_a_missing_member_of_a_scenario_names_what_to_write",
@@ -345,7 +345,7 @@ FINDINGS = [
         "demo",
         "demo",
         "the yaw rate rises to the end, and no verdict",
-        lambda: run_tests("test_cli.py::test_the_demos_verdict_is_that_of_its_flight"),
+        lambda: run_tests("test_cli.py::test_demo_verdict_matches_settling_times"),
     ),
     Finding(
         "commands of the front page",
