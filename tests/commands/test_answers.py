@@ -1,4 +1,4 @@
-"""What verbs print after --json is what the published schema says; tests/answers.py holds every other test to it."""
+"""JSON output of the verbs conforms to the published schema; tests/answers.py checks it in every other test."""
 
 import json
 import re
@@ -62,7 +62,7 @@ def call(*words):
 
 
 def answer(words, here):
-    """What a command prints after --json; anything but a refusal of the schema is its own affair."""
+    """Return the JSON that a command prints; fail only if the output violates the schema."""
     done = call(*(w.format(here=here) for w in words), "--json")
     assert not isinstance(done.exception, AssertionError), done.exception
     return json.loads(done.stdout)

@@ -1,4 +1,4 @@
-"""`trimtab budget`: what is printed, what is given as JSON, and what is refused before anything flies."""
+"""`trimtab budget`: table, JSON output, and invalid options, which are rejected before simulation."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""`trimtab calibrate noise`: a log written by `trimtab run`, or a CSV file, to the coefficients that made it."""
+"""`trimtab calibrate noise`: the noise coefficients of a simulated log or a CSV file are identified."""
 
 import json
 import math
@@ -31,13 +31,13 @@ def call(*words):
 
 @pytest.fixture(scope="module")
 def still():
-    """Twenty minutes at rest: the unit's samples only."""
+    """Log of 20 minutes at rest with the samples of the inertial unit only."""
     return simulate(scenario(), seed=1, duration=seconds(1200), signals=("sensors.imu",))
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Twenty seconds flown and written by the command."""
+    """Folder with a flight of 20 s, written by `trimtab run`."""
     out = tmp_path_factory.mktemp("still")
     done = call("run", "navigation/still", "--duration", "20", "--no-ideal", "--out", out)
     assert done.exit_code == 0, done.output
@@ -46,7 +46,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.thorough
 def test_log_contains_every_sensor_sample(still):
-    """Rows of 5 ms hold each sample of 6.5536 ms once or twice; none is missed but one after the last row."""
+    """Rows every 5 ms hold each sample of 6.5536 ms once or twice; only a sample after the last row is missing."""
     found = samples(still, RATE)
     assert found.period == pytest.approx(0.0065536, rel=1e-12)
     assert (np.diff(found.ticks) == 65536).all()
@@ -55,7 +55,7 @@ def test_log_contains_every_sensor_sample(still):
 
 @pytest.mark.thorough
 def test_true_coefficients_lie_in_confidence_intervals(still):
-    """White noise and walk of each axis, and no flicker, as the unit has none; 95 % each, so 16 of 18 at least."""
+    """White noise, walk and zero flicker of each axis. At 95 % confidence each, at least 16 of 18 must hold."""
     inside = []
     for path, N, K in ((RATE, GYRO_N, GYRO_K), (FORCE, FORCE_N, FORCE_K)):
         found = samples(still, path)
@@ -69,7 +69,7 @@ def test_true_coefficients_lie_in_confidence_intervals(still):
 
 @pytest.mark.thorough
 def test_calibration_file_contains_true_sensor_noise(folder, tmp_path):
-    """What made the log is within three standard errors of the file; the walk can not be told, and that is said."""
+    """True values lie within three standard errors. The walk cannot be determined; the command reports this."""
     file = tmp_path / "boat.toml"
     done = call("calibrate", "noise", folder / "run.mcap", "--out", file)
     assert done.exit_code == 0, done.output
@@ -91,7 +91,7 @@ def test_calibration_file_contains_true_sensor_noise(folder, tmp_path):
 
 @pytest.mark.thorough
 def test_flight_has_calibrated_noise_and_rejects_filter_with_other_step(tmp_path):
-    """A gyro of three times the noise, at rest, in deg/s; flown again, its samples scatter by what was measured."""
+    """A CSV of a gyro with three times the noise, in deg/s, sets the noise of a flight."""
     g, n = np.random.default_rng(2), 8192
     noisy = np.degrees(3 * GYRO_N / math.sqrt(0.01)) * g.standard_normal((n, 3))
     rows = "\n".join(f"{i * 0.01:.2f}," + ",".join(f"{v:.9g}" for v in row) for i, row in enumerate(noisy))
@@ -194,16 +194,16 @@ REFUSED = {
     "a step of zero": (("LOG", "--tick", "0"), "--tick: must be above 0, got '0'"),
     "a step backwards": (("LOG", "--tick", "-5ms"), "--tick '5 ms'"),
     "averages below zero": (("LOG", "--shortest", "-1"), "--shortest: must be at least 0, got '-1'"),
-    "no file, what writes one": (("nowhere.mcap",), "trimtab run SCENARIO --out DIR"),
-    "no such signal, what is": (("LOG", "--signal", "nope"), "Fix: --signal sensors.imu.value."),
+    "no file, command that writes one": (("nowhere.mcap",), "trimtab run SCENARIO --out DIR"),
+    "no such signal, existing signals": (("LOG", "--signal", "nope"), "Fix: --signal sensors.imu.value."),
     "not a calibration": (("LOG", "--out", "folder"), "Fix: --out folder.toml"),
     "not a picture": (("LOG", "--plot", "a.txt"), "supported picture format"),
 }
 
 
 @pytest.mark.thorough(
-    "no file, what writes one",
-    "no such signal, what is",
+    "no file, command that writes one",
+    "no such signal, existing signals",
     "averages below zero",
     "a step backwards",
     "not a picture",

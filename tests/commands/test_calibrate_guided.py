@@ -1,4 +1,4 @@
-"""The guided bench: each entry is checked as it is typed, saved at once, and gone on from."""
+"""`trimtab calibrate measure`: each entry is checked, saved at once, and continued later."""
 
 from pathlib import Path
 

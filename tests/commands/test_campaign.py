@@ -1,4 +1,4 @@
-"""`trimtab campaign` as it is typed: table, JSON, exit codes, a store, a run once more."""
+"""`trimtab campaign`: table, JSON, exit codes, the store, and the rerun of one run."""
 
 import json
 import re
@@ -140,7 +140,7 @@ def test_rejects_store_of_another_campaign(kept):
 
 @pytest.mark.thorough
 def test_run_option_flies_same_run_as_simulate():
-    """`trimtab run --run`, with which a world that a search found is flown again."""
+    """`trimtab run --run` repeats a run that a search found."""
     asked = ["run", SCENARIO, "--seed", "3", "--run", "5", "--duration", "4 s", "--no-ideal", "--json"]
     found = json.loads(CliRunner().invoke(main, asked).stdout)
     log = simulate(build(SCENARIO, {"duration": "4"}), seed=3, run=5)

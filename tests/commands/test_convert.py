@@ -1,4 +1,4 @@
-"""`trimtab convert`: a flight as a bag of ROS 2, read back by another library, and as a recording for Rerun."""
+"""`trimtab convert`: a flight as a ROS 2 bag, read back by another library, and as a Rerun recording."""
 
 import importlib.util
 import json

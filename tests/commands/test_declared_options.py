@@ -1,4 +1,4 @@
-"""Options read from a verb's file: those of the imported verb, and a typo without an import of JAX."""
+"""Options parsed from a verb's source file equal those of the imported verb, so a typo is reported without JAX."""
 
 import subprocess
 import sys
@@ -107,5 +107,5 @@ def test_count_out_of_range_is_rejected_with_message(typed):
     ],
 )
 def test_values_of_choices_are_validated_by_the_verb(verb, words):
-    """Choices that a verb imports are unknown here."""
+    """Choices that a verb imports are unknown to the parser."""
     assert parse(verb, words) == words[:1]

@@ -1,4 +1,4 @@
-"""`trimtab design`: designed, written, proved again without solver, and refused where it was changed."""
+"""`trimtab design`: a gain is designed, written, and proved without a solver; a modified gain is rejected."""
 
 import json
 import os

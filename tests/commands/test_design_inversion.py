@@ -1,4 +1,4 @@
-"""`trimtab design --inversion`: the course as data, and refusals that say what to type."""
+"""`trimtab design --inversion`: the trajectory as data, and invalid arguments."""
 
 import json
 
@@ -39,7 +39,7 @@ def test_inverted_pendulum_leans_before_cart_moves_to_target(tmp_path):
 
 @pytest.mark.thorough
 def test_inversion_of_f16_climb_uses_elevator_and_integrates_position(tmp_path):
-    """North, east and heading are integrals; the elevator moves before the altitude does, and it is a motion of it."""
+    """North, east and heading are integrals. The elevator moves before the altitude does."""
     file = tmp_path / "climb.json"
     words = ("--inversion", "--input", "elevator", "--output", "altitude", "--to", "330 m", "--in", "4", "--out", file)
     done = call("f16/gcas", *words)

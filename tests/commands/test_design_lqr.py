@@ -1,4 +1,4 @@
-"""`trimtab design VEHICLE --lqr`: a gain by limits, its proof, the same again from its file, and what it believes."""
+"""`trimtab design VEHICLE --lqr`: a gain from limits, its proof, the proof from its file, and assumed parameters."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""`trimtab design VEHICLE --stabilisability`: verdicts on a vehicle of the package and on files of one's own."""
+"""`trimtab design VEHICLE --stabilisability`: verdicts on vehicles of the package and on user files."""
 
 import json
 

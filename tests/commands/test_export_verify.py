@@ -1,4 +1,4 @@
-"""`trimtab export --verify`: what is typed beside it is heeded or refused, and never left out silently."""
+"""`trimtab export --verify`: other options are applied or rejected, never ignored."""
 
 import json
 import shutil
@@ -20,7 +20,7 @@ def call(*words):
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """A folder, and what was said when it was written."""
+    """An exported folder, and the JSON result of its export."""
     out = tmp_path_factory.mktemp("export") / "c"
     done = call(NAME, "--out", out, "--steps", 200, "--json")
     assert done.exit_code == 0, done.output

@@ -1,4 +1,4 @@
-"""What `trimtab run` says of targets that are set on other signals than the truth."""
+"""The summary of a flight that `trimtab run` prints: metrics, flags, monitors and targets."""
 
 import re
 

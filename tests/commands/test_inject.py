@@ -1,4 +1,4 @@
-"""`trimtab inject` against a vehicle that this test plays, message by message."""
+"""`trimtab inject` against a simulated peer that answers message by message."""
 
 import json
 import threading
@@ -32,7 +32,7 @@ def test_fault_values_are_formatted_with_their_unit():
 
 
 class Played:
-    """A vehicle's end that answers as the real one, at one time, and keeps what was set."""
+    """A peer that answers like a vehicle, at a constant time, and records the parameters set."""
 
     def __init__(self, uri):
         scenario, _ = catalogue.load_scenario(NAME)
@@ -73,7 +73,7 @@ def inject(*arguments):
 
 
 def numbers(played):
-    """Last value of each number that was set, and the order of the first settings."""
+    """Return the last value of each parameter set, and the order of the first settings."""
     return dict(played.set), list(dict.fromkeys(path for path, _ in played.set))
 
 

@@ -1,4 +1,4 @@
-"""Lines of the verbs that fly: which may be unsigned, whose key signs them, and how they end."""
+"""Links of the verbs that fly: which may be unsigned, which key signs them, and how they end."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""`trimtab link-test`: table, recordings, settings that `run` takes, JSON, and what is refused."""
+"""`trimtab link-test`: table, recordings, settings for `run`, JSON, and invalid arguments."""
 
 import json
 import re
@@ -34,7 +34,7 @@ def call(*words):
 
 @pytest.fixture
 def echoing(tmp_path, monkeypatch):
-    """The other end, under a name."""
+    """Address of a running echo."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     stop = threading.Event()
     link = open_link("loopback://bench", listen=True)

@@ -1,4 +1,4 @@
-"""`trimtab plot`, `compare` and `completion`, as they are typed."""
+"""`trimtab plot`, `compare` and `completion` by command line."""
 
 import json
 import os
@@ -15,7 +15,7 @@ REST = "hovercraft/zero-velocity"
 
 @pytest.fixture(scope="module")
 def flights(tmp_path_factory):
-    """A flight, and one of another mass."""
+    """Folder with two flights, the second with another mass."""
     folder = tmp_path_factory.mktemp("flights")
     for name, more in (("a", ()), ("b", ("--set", "world.vehicle.mass=2.7 kg"))):
         done = call("run", REST, "--duration", "1", "--no-ideal", *more, "--out", str(folder / name))
@@ -40,7 +40,7 @@ def test_plot_draws_only_named_signals(flights):
 
 
 @pytest.mark.thorough
-def test_plot_without_signals_draws_all_next_to_log(flights):
+def test_plot_works_without_signals_and_rejects_unknown_signal(flights):
     assert call("plot", flights / "b" / "run.mcap").exit_code == 0  # the run's own picture lies there: it is trimtab's
     refused = call("plot", flights / "b" / "run.mcap", "truth.yaw_rat")
     assert refused.exit_code == 2
@@ -70,7 +70,7 @@ def test_compare_with_one_log_repeats_the_flight(flights):
 
 
 def complete(*words):
-    """What a shell is offered for the last word."""
+    """Return the completions of the last word."""
     given = {"_TRIMTAB_COMPLETE": "bash_complete", "COMP_WORDS": " ".join(words), "COMP_CWORD": str(len(words) - 1)}
     code = "from trimtab.cli import main; main(prog_name='trimtab')"
     done = subprocess.run([sys.executable, "-c", code], env=os.environ | given, capture_output=True, text=True)

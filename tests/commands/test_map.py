@@ -1,4 +1,4 @@
-"""`trimtab map`: what is printed, what is given as JSON, and what is refused before anything flies."""
+"""`trimtab map`: text output, JSON, and invalid axes, which are rejected before simulation."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""`trimtab new`: what it writes works at once, by whatever name; what it can't do is answered with what to type."""
+"""`trimtab new`: generated files work unchanged under any name; invalid names are rejected with a fix."""
 
 import json
 import shlex
@@ -30,7 +30,7 @@ def make(kind, name, folder):
 
 
 def run(command, folder, *words):
-    """A program of this environment; it has to end well."""
+    """Run a program of this environment, which must succeed; return its output."""
     done = subprocess.run([sys.executable, "-m", command, *map(str, words)], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
@@ -154,7 +154,7 @@ def test_nearest_name_is_a_valid_identifier(text):
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("kind", KINDS)
 def test_printed_commands_test_and_fly_generated_files(kind, tmp_path, monkeypatch):
-    """Each command that `new` prints, and a flight over UDP, as somebody types them in that folder."""
+    """Run each command that `new` prints in the folder of the generated files."""
     monkeypatch.chdir(tmp_path)
     said = json.loads(call("new", kind, "own", "--json").stdout)
     page = Path("own.md").read_text(encoding="utf-8")

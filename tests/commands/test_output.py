@@ -1,4 +1,4 @@
-"""What is printed: no number is cut however narrow the screen, what takes long says so, a typo is answered at once."""
+"""Printed output: numbers are never truncated, a lost flight is named first, and typos are reported quickly."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""What an outsider's vehicle meets: vectors in its state, names of its own, another demand than its input, integers."""
+"""User-defined vehicles: vector states, own field names, a demand that differs from the input, integers."""
 
 import json
 from pathlib import Path
@@ -128,7 +128,7 @@ def to_first(log):
 
 @record
 class OddNames:
-    """Names that functions and C have too."""
+    """Field names that are also names in functions and in C."""
 
     self: Any = quantity("1", "One.", default=1.0)
     r: Any = quantity("1", "Two.", default=2.0)
@@ -193,8 +193,8 @@ def branch(self, t, x, u):
 SLIPS = {
     "a Python branch": (branch, "test_own_vehicle.py:.*`if` on a traced value", "jnp.where"),
     "another shape": (lambda self, t, x, u: replace(x, v=jnp.zeros(2)), r"has v of shape \(2,\)", "LanderState"),
-    "no record": (lambda self, t, x, u: x.q, "not a record, with 1 number", "LanderState"),
-    "a misspelt field": (lambda self, t, x, u: x.hight, "test_own_vehicle.py:.*hight", ""),
+    "not a record": (lambda self, t, x, u: x.q, "not a record, with 1 number", "LanderState"),
+    "misspelt field": (lambda self, t, x, u: x.hight, "test_own_vehicle.py:.*hight", ""),
 }
 
 

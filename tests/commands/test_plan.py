@@ -1,4 +1,4 @@
-"""`trimtab plan`: what it prints and writes, and refusals with exit code 2."""
+"""`trimtab plan`: output, written files, and invalid input with exit code 2."""
 
 import json
 from pathlib import Path

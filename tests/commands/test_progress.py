@@ -1,4 +1,4 @@
-"""What is said on standard error of how far a verb is, how long it takes and how large it gets."""
+"""Progress on standard error: finished runs, remaining time and size on disk."""
 
 import contextlib
 import os
@@ -24,7 +24,7 @@ INLINE = "module://matplotlib_inline.backend_inline"
     [({}, True), ({"JPY_PARENT_PID": "1"}, False), ({"TERM": "dumb"}, False), ({"MPLBACKEND": INLINE}, False)],
 )
 def test_spinner_is_drawn_on_terminal_but_not_in_notebook(variables, is_drawn):
-    """A notebook's `!` gives a command a terminal, whose frames would all stand in the page."""
+    """A notebook's `!` gives a command a terminal; each frame of a spinner would appear in the page."""
     code = "import time\nfrom trimtab.commands.progress import show_spinner as show\n"
     code += "with show('compiling'): time.sleep(0.2)"
     own = (
@@ -124,7 +124,7 @@ def test_long_runs_print_line_every_ten_seconds(made_up_clock, capsys):
 
 
 def test_remaining_time_is_extrapolated_from_finished_runs(monkeypatch, capsys):
-    """400 pieces of 20 ms, told five at a time: what is left of 8 s is said after the first second."""
+    """400 pieces of 20 ms, reported five at a time: after the first second 7 of 8 s remain."""
     now = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     lines = progress._ProgressLines(400, lambda line: print(line, file=sys.stderr))
@@ -176,7 +176,7 @@ def test_short_campaign_prints_no_time_or_disk_estimate(tmp_path):
 
 @pytest.mark.thorough
 def test_insufficient_disk_space_is_reported_before_campaign_runs(tmp_path, monkeypatch):
-    """1000 rows of six numbers, two yes or no and that they are done: 51 bytes each; what is there counts no more."""
+    """1000 rows of 51 bytes: six numbers and three flags each. Stored rows are not counted again."""
     monkeypatch.setattr(progress.shutil, "disk_usage", lambda there: SimpleNamespace(free=50_000) if there else None)
     words = ("campaign", "hovercraft/spin", "--set", "duration=1", "--store", str(tmp_path / "a.zarr"), "--runs")
     said = "store: up to 51 kB more, but only 50 kB are free on the disk of"

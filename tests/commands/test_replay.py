@@ -1,4 +1,4 @@
-"""`trimtab replay`: exit codes, what is said, another estimator, and what is refused."""
+"""`trimtab replay`: exit codes, output, another estimator, and invalid choices."""
 
 import json
 import re
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compile
 
 
 def blind() -> Passthrough:
-    """An estimator from outside, which reads what the recorded one reads."""
+    """A user-defined estimator with the inputs of the recorded one."""
     return Passthrough("navigation")
 
 
@@ -44,7 +44,7 @@ def file(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def wrong(file):
-    """The same with the last bit of one number changed."""
+    """The log with the last bit of one number changed."""
     log = read_mcap(file)
     values = log["law.demand.FY"].copy()
     values[250] = np.nextafter(values[250], np.inf)
@@ -109,7 +109,7 @@ def test_rejects_unknown_replacement_parts(file, choice, said):
 
 
 def looking() -> Passthrough:
-    """An estimator alone, of a log that nobody flew here."""
+    """An estimator for the log of another program."""
     return Passthrough("scale")
 
 

@@ -1,4 +1,4 @@
-"""`trimtab reproduce`: what it prints, its exit codes and its JSON."""
+"""`trimtab reproduce`: output, exit codes and JSON."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""The page of `trimtab reproduce --report`: all inside, nothing unescaped, errata of the study."""
+"""The page of `trimtab reproduce --report`: self-contained, escaped, with the errata of the study."""
 
 import base64
 import json

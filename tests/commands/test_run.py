@@ -1,4 +1,4 @@
-"""`trimtab run` of a scenario whose estimate knows its sigmas: verdict printed, in --json, and drawn."""
+"""`trimtab run`: consistency verdict of an estimate with sigmas, requirements, monitors and log sizes."""
 
 import json
 import re
@@ -101,7 +101,7 @@ def test_prints_navigation_table_and_writes_navigation_plot(boat, tmp_path, wide
 
 @pytest.mark.thorough
 def test_run_too_short_for_valid_estimate_still_writes_plots(boat, tmp_path):
-    """Its sensor's samples come after 60 ms of Bluetooth: no estimate becomes valid in 30 ms."""
+    """Samples arrive after 60 ms over Bluetooth, so no estimate becomes valid within 30 ms."""
     (tmp_path / "boat.py").write_text(BOAT.replace("downlink=Wire()", "downlink=made.world.downlink"))
     words = ("--no-ideal", "--duration", "30 ms", "--out", tmp_path / "out", "--backend", "jax")
     call(boat, *words)

@@ -1,4 +1,4 @@
-"""Output that a terminal cannot show, a full disk, and a reader that is gone."""
+"""Output to a terminal without the characters, to a full disk, and to a closed pipe."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""`trimtab trim`, `linearise` and `zeros`: points by words, tables, files, and refusals that say what to type."""
+"""`trimtab trim`, `linearise` and `zeros`: conditions by name, tables, files, and invalid arguments."""
 
 import json
 from pathlib import Path
@@ -48,7 +48,7 @@ def data(*words, code=0):
 
 @pytest.mark.thorough
 def test_trims_turn_with_friction_from_named_conditions():
-    """Conditions by name, units, a state that is free, a place that moves."""
+    """Conditions by name and unit, a free state, a moving position."""
     friction = (
         "--set",
         "world.vehicle.friction.force_viscous=0.8",
@@ -99,7 +99,7 @@ def test_linearise_gives_poles_of_cart_and_writes_file(tmp_path):
 
 @pytest.mark.thorough
 def test_zeros_of_cart_match_analytic_value():
-    """Cart from force: the pole runs away at sqrt(g/l). Source: any book."""
+    """Zeros from force to position lie at plus and minus sqrt(g/l). Source: textbooks on the inverted pendulum."""
     found = data("zeros", CART, "--output", "position")
     assert found["verdict"] == "non-minimum phase"
     assert sorted(z["zero"][0] for z in found["zeros"]) == pytest.approx(
@@ -163,7 +163,7 @@ def test_boat_without_position_is_at_rest_only_at_zero_velocity():
 
 @pytest.mark.thorough
 def test_quadrotor_trim_defaults_to_hover():
-    """Its lift is its weight, and from rotors that stand it does not begin to fall. Weight: 4.34 kg by 9.81 m/s^2."""
+    """Lift equals weight, 4.34 kg by 9.81 m/s^2, though the search starts from rotors at rest."""
     plant = load_plant("quadrotor/track")
     point = find_point(plant, ())
     hover = dict(zip((*plant.model.states, *plant.model.inputs), (*point.x, *point.u), strict=True))
@@ -184,7 +184,7 @@ def test_outputs_without_slope_at_rest_are_omitted_or_rejected():
 
 @pytest.mark.thorough
 def test_quadrotor_trim_at_requested_forward_speed():
-    """Drag of 0.3 N s/m across tilts it, by drag over weight; it neither falls nor climbs to speak of."""
+    """The pitch angle is drag over weight, at a drag of 0.3 N s/m."""
     plant = load_plant("quadrotor/track")
     point = find_point(plant, ("velocity.forward=1", "velocity.starboard=0", "velocity.down=0"))
     flown = dict(zip(plant.model.states, point.x, strict=True))
@@ -240,7 +240,7 @@ class Glider:
 
 @pytest.mark.thorough
 def test_glider_trim_defaults_to_level_flight_at_initial_speed():
-    """A dive in a bank is no trim; level at 50 m/s drag takes 2.5 m/s^2 of thrust, and weight is lift."""
+    """The initial banked dive is not a trim. At 50 m/s thrust over mass is 2.5 m/s^2, and lift equals weight."""
     plant = plant_of_vehicle("glider", Glider(), GliderState(), GliderControls(lift=9.81))
     point = find_point(plant, ()).require_trim()
     assert dict(point.taken) == {"V": 50.0, "course": 0.3, "gamma": 0.0, "bank": 0.0}
@@ -260,7 +260,7 @@ def test_zero_initial_speed_is_not_assumed_in_trim():
 
 @pytest.mark.thorough
 def test_vehicle_on_prescribed_path_rests_at_zero_rate():
-    """Velocity and attitude record its motion: as fast as you like they would leave every equation zero."""
+    """Velocity and attitude only record the motion, so the trim must set them to zero."""
     plant = load_plant("navigation/aerial")
     point = find_point(plant, ()).require_trim()
     x = dict(zip(plant.model.states, point.x, strict=True))
@@ -283,7 +283,7 @@ def test_swarm_has_a_trim_at_rest():
 
 @pytest.mark.thorough
 def test_f16_is_trimmed_in_level_flight():
-    """As its gains' own trim, which names what is free; the table says what was taken."""
+    """The point equals the trim of the gain file. The table lists the assumed values."""
     from trimtab.scenarios.f16._gains import level_flight
     from trimtab.vehicles.f16_flat_earth import F16FlatEarth
     from trimtab.vehicles.imperial import FOOT

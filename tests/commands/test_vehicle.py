@@ -1,4 +1,4 @@
-"""What `trimtab vehicle` writes and reads of a log, and the watchdog's time that it refuses."""
+"""`trimtab vehicle`: written logs, the summary from a log, and the shortest watchdog time."""
 
 import numpy as np
 import pytest
@@ -83,7 +83,7 @@ def test_console_passes_on_error_and_fix_of_its_vehicle(tmp_path):
 @pytest.mark.real_time
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_vehicle_without_out_folder_writes_no_log(tmp_path, monkeypatch):
-    """The vehicle's log of 191 kB/s had lain in the temporary folder."""
+    """Earlier the vehicle wrote a log of 191 kB/s to the temporary folder."""
     from flight.pair import Program, make_key
 
     make_key(tmp_path)

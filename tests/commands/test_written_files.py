@@ -1,4 +1,4 @@
-"""A file that trimtab did not write is never replaced, whichever verb is told to write there."""
+"""No verb overwrites a file that trimtab did not write."""
 
 from pathlib import Path
 

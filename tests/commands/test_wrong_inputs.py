@@ -1,4 +1,4 @@
-"""A hundred wrong inputs: each is answered in words with what to type, and nothing is lost or left behind."""
+"""A hundred wrong inputs: each is rejected with a fix, and no file is changed or left behind."""
 
 import json
 import shlex
