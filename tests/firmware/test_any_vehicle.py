@@ -1,4 +1,4 @@
-"""Firmware of vehicles without a fan: pulses by tables, on the computer in the test's own time, and flown emulated."""
+"""Firmware of vehicles without a fan: pulses by tables, on this computer in simulated time and on an emulated board."""
 
 import contextlib
 import ctypes
@@ -149,7 +149,7 @@ MORE = 0.1
 @pytest.mark.real_time
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_lockstep_flight_of_firmware_matches_simulation(name, tmp_path):
-    """In lockstep, whatever this machine has to do besides."""
+    """Lockstep makes the flight independent of the load of this machine."""
     scenario = replace(build(name), duration=seconds(12))
     written = write_firmware(replace(scenario, duration=seconds(13)), tmp_path / "board", KEY)
     image = build_elf(written.folder, "LOCKSTEP=1")
@@ -170,7 +170,7 @@ INSTRUCTIONS = {"cart-pole/swing-up": 6_000, "f16/gcas": 16_000, "quadrotor/trac
 @pytest.mark.real_time
 @pytest.mark.parametrize("name", INSTRUCTIONS)
 def test_instruction_load_of_board_stays_below_limit(name, tmp_path):
-    """By QEMU's count, 16 ns an instruction: as in test_board."""
+    """QEMU counts 16 ns per instruction, as in test_board."""
     written = write_firmware(build(name), tmp_path / "board", KEY)
     image = build_elf(written.folder)
     with (

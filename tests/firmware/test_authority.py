@@ -1,4 +1,4 @@
-"""Who commands the board and by which clock, to the same rules as `trimtab vehicle`."""
+"""Authority over the board and clock checks, by the same rules as `trimtab vehicle`."""
 
 import pytest
 from firmware.host import MS, Host, values
@@ -139,7 +139,7 @@ def test_time_request_with_wrong_key_is_answered_before_first_accepted_peer(libr
 
 
 def test_stored_stamp_ahead_of_all_clocks_is_reported_on_request(library, written):
-    """A wrong clock once: nobody with the right one had ever been answered."""
+    """After one peer with a wrong clock, peers with the right clock must still be answered."""
     host = Host(library, written.dialect, stored=DAY * 100_000)
     asker = host.other(system=1, component=191)
     data = asker.pack("TIMESYNC", {"ts1": 7})
@@ -220,7 +220,7 @@ def test_first_stamp_decades_ahead_does_not_set_the_clock(host):
 
 
 def test_board_identity_reports_parameter_differences(host, written):
-    """As the identity of the same scenario says it, to the last digit; another mass is a difference by its path."""
+    """The board's identity equals that of its scenario; another mass is reported by its path."""
     scenario = build("hovercraft/forward")
     for settings, paths in (({}, []), ({"world.vehicle.mass": "2.8"}, ["world.vehicle.mass"])):
         ours = scenario_identity(build("hovercraft/forward", settings), written.dialect)

@@ -1,4 +1,4 @@
-"""The firmware on an emulated board, its UART on a socket, a ground station at the other end; in wall-clock time."""
+"""The firmware on an emulated board in wall-clock time, its UART connected to a ground station by a socket."""
 
 import re
 import socket

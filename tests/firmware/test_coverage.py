@@ -89,7 +89,7 @@ def test_fuzzed_outputs_stay_within_limits_and_safe_without_command(coverage_fuz
 
 @pytest.mark.thorough
 def test_fuzzer_corpus_detects_broken_failsafe(coverage_fuzzer, written, tmp_path):
-    """A failsafe that does not stop the fan at once: found by the kept inputs alone."""
+    """The kept inputs alone detect a failsafe that does not stop the fan at once."""
     broken = tmp_path / "firmware"
     shutil.copytree(written.folder, broken)
     for part, text in (("portable/vehicle.c", " || stop"), ("drive/drive.c", "if (!out->command.valid) d->duty = 0;")):

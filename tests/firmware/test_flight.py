@@ -1,4 +1,4 @@
-"""`trimtab fly` at the other end of the line: a microcontroller's vehicle reaches its target."""
+"""`trimtab fly` flies the vehicle of an emulated microcontroller to its target."""
 
 import contextlib
 import time

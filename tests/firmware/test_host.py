@@ -1,4 +1,4 @@
-"""The portable firmware on the computer, in a time of the test's own: duties to the millisecond, and who gets in."""
+"""The portable firmware on this computer in simulated time: outputs, failsafe, and accepted frames."""
 
 import ctypes
 import itertools
@@ -73,7 +73,7 @@ def test_fan_reaches_commanded_speed_and_vehicle_moves(host):
 
 @pytest.mark.thorough
 def test_fan_on_empty_battery_needs_more_duty(tmp_path):
-    """6.2 V empty, less what 0.03 ohm takes of the other 3 A and of the fan's own current: the battery's page."""
+    """Voltage: 6.2 V empty, less 0.03 ohm times (3 A + the fan's current). Source: the page of the battery."""
     scenario = build("hovercraft/forward", {"world.actuators.fan.battery.initial": "0"})
     written = write_firmware(scenario, tmp_path, KEY)
     host = Host(load_library(written, tmp_path), written.dialect)
@@ -192,7 +192,7 @@ def test_frames_recorded_before_restart_are_rejected(library, written):
 
 @pytest.mark.thorough
 def test_c_link_accepts_only_frames_that_python_link_accepts(host):
-    """Frames of several senders, stale, repeated and out of order, through both ends: whatever C takes, ours takes."""
+    """Stale, repeated and unordered frames of several senders: Python accepts each frame that C accepts."""
     rng = np.random.default_rng(7)
     behind = [0.0, 0.5, 30.0, 70.0]
     senders = [
@@ -245,7 +245,7 @@ def test_board_reads_valid_key_image_and_rejects_corrupt_ones(library):
 
 
 def test_watchdog_is_kicked_only_by_completed_ticks(host):
-    """Once a millisecond, its work done: a loop that goes round without time, or hangs in a tick, never does."""
+    """One kick per completed tick of 1 ms. A loop whose time stands still does not kick."""
     host.run(10)
     before = host.library.host_kicks()
     for _ in range(50):

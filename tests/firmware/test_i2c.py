@@ -1,4 +1,4 @@
-"""The bus between two STM32F405: both drivers, each on its own model of the registers, joined byte by byte."""
+"""The I2C bus between two STM32F405: both drivers on models of the registers, connected byte by byte."""
 
 import ctypes
 
@@ -134,7 +134,7 @@ def test_reply_does_not_change_while_being_read(ends):
 
 @pytest.mark.parametrize("stuck", [0, 0xFFFFFFFF])
 def test_transfers_return_with_stuck_registers(ends, stuck):
-    """All registers read the same for ever: nothing is ever ready, or never done, and each call comes back."""
+    """All registers read a constant, so no transfer completes; each call must still return."""
     library = ends[1].library
     get = ctypes.CFUNCTYPE(ctypes.c_uint32, ctypes.c_uint32)(lambda address: stuck)
     put = ctypes.CFUNCTYPE(None, ctypes.c_uint32, ctypes.c_uint32)(lambda address, value: None)

@@ -1,4 +1,4 @@
-"""The journal in flash: what was written before the power failed is found after it, whichever write was cut."""
+"""The journal in flash: completed records survive a power failure at any write."""
 
 import ctypes
 
@@ -49,7 +49,7 @@ def check(power, written, begun):
 @pytest.mark.thorough
 @pytest.mark.parametrize("garbage", [0, 1])
 def test_survives_power_failure_at_every_flash_operation(power, garbage):
-    """The same life of 150 records, sectors changing under it, cut at its first operation, its second, ... its last."""
+    """A sequence of 150 records over changing sectors, cut at each of its flash operations in turn."""
     power.power_new(3, garbage)
     power.power_start(0, TAGS)
     live(power, np.random.default_rng(5), {}, {}, 150)
@@ -85,7 +85,7 @@ def test_survives_repeated_power_failures_during_startup(power):
 
 
 def test_without_erasure_fills_second_sector_then_rejects_records(power):
-    """Nothing is erased while armed: two sectors' worth of records, then no more, and each refusal counted."""
+    """No sector is erased while armed: records fill two sectors, and each further record is rejected and counted."""
     power.power_new(1, 0)
     power.power_start(0, TAGS)
     before, capacity = power.power_erasures(), power.power_capacity()
@@ -101,7 +101,7 @@ def test_without_erasure_fills_second_sector_then_rejects_records(power):
 
 
 def test_uncopied_records_keep_at_least_the_last_half(power):
-    """The black box: of a long flight after a rest, the last records are there."""
+    """The black box keeps the last records of a long flight."""
     power.power_new(2, 0)
     power.power_start(0, 0)
     for k in range(400):

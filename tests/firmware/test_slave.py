@@ -1,4 +1,4 @@
-"""The slave's program on the computer: pieces as the scenarios' bus has them, units' lines, the lift fan's failsafe.
+"""The slave's program on this computer: bus messages, serial lines of the ranging units, failsafe of the lift fan.
 
 Source: Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5.
 """
@@ -97,7 +97,7 @@ def content(message):
 @pytest.mark.thorough
 @pytest.mark.parametrize("size", [6, 10, 11, 23, 24, 45])
 def test_messages_arrive_at_times_of_simulated_bus(library, size):
-    """Offered at drawn milliseconds, seldom and in crowds: when each is there, and which are dropped."""
+    """Arrival times and drops of messages offered at random times equal those of the simulated bus."""
     rng = np.random.default_rng(size)
     length = 3000
     offered = np.sort(rng.choice(length - 400, 90, replace=False))
@@ -141,7 +141,7 @@ def cut(message, begins):
 
 
 def test_only_intact_messages_survive_loss_corruption_and_insertion(library):
-    """Pieces lost, bits of a byte turned over, strange ones between: what was not touched arrives, and no other."""
+    """Pieces are lost, corrupted or inserted: exactly the untouched messages arrive."""
     rng = np.random.default_rng(7)
     pieces, whole, slot = [], [], 0
     for _ in range(2000):
@@ -177,14 +177,14 @@ def test_rejects_message_of_wrong_length(library):
 
 
 LINES = {
-    "a beacon's": ("VR=2.0,ID=01:dc:8b:7c:0a:00:00:35,SP=MIT-6,DB=182,DR=5123,TM=5440,TS=24608", (6, 5123)),
+    "reply of a beacon": ("VR=2.0,ID=01:dc:8b:7c:0a:00:00:35,SP=MIT-6,DB=182,DR=5123,TM=5440,TS=24608", (6, 5123)),
     "a number for a name": ("SP=17,DR=1", (17, 1)),
     "the other order": ("DR=65535,SP=0", (0, 65535)),
     "no beacon": ("VR=2.0,DB=182,DR=5123,TS=1", None),
     "no time of flight": ("SP=6,DB=182", None),
     "no number": ("SP=MIT,DR=5123", None),
-    "a beacon that can't be": ("SP=256,DR=5123", None),
-    "a flight that can't be": ("SP=6,DR=65536", None),
+    "invalid beacon number": ("SP=256,DR=5123", None),
+    "invalid time of flight": ("SP=6,DR=65536", None),
     "one that overflows": ("SP=6,DR=42949672965", None),
     "half a number": ("SP=6,DR=5x23", None),
     "a longer name": ("SSP=6,DR=5123", None),

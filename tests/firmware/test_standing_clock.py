@@ -1,4 +1,4 @@
-"""An emulated board in lockstep: its time stands still until the command of an instant has come."""
+"""An emulated board in lockstep: its time stops until the command of the current instant arrives."""
 
 import shutil
 from contextlib import closing

@@ -328,7 +328,7 @@ def test_each_inertial_sample_is_delivered_once(library, chip):
 @pytest.mark.thorough("dead", "frozen", "reset")
 @pytest.mark.parametrize("fault", ["another", "dead", "frozen", "reset"])
 def test_failed_inertial_sensor_is_detected_and_restarted(library, chip, fault):
-    """Another chip, a line that is open, samples equal to the bit, a reset that lost its settings."""
+    """Faults: another chip, an open line, identical samples, a reset that lost the settings."""
     sensor, go = running(library, chip)
     if fault == "another":
         chip.icm.identity = 0x12
@@ -349,7 +349,7 @@ def test_failed_inertial_sensor_is_detected_and_restarted(library, chip, fault):
 
 @pytest.mark.parametrize("stuck", [0, 0xFFFFFFFF])
 def test_drivers_return_with_stuck_registers(library, stuck):
-    """All registers read the same for ever: nothing is ever ready, or never done, and each call comes back."""
+    """All registers read a constant, so no operation completes; each call must still return."""
     get = ctypes.CFUNCTYPE(ctypes.c_uint32, ctypes.c_uint32)(lambda address: stuck)
     put = ctypes.CFUNCTYPE(None, ctypes.c_uint32, ctypes.c_uint32)(lambda address, value: None)
     library.model_connect(get, put)

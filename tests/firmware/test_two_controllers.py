@@ -143,7 +143,7 @@ def test_lift_fan_of_second_board_follows_failsafe_of_first(pair):
 
 @pytest.mark.parametrize("dies", ["cut", "hangs"])
 def test_lift_fan_stops_when_first_board_is_lost(pair, dies):
-    """A bus that is cut, or a program that hangs while its interrupts go on giving the last word."""
+    """The bus is cut, or the first program is stuck while its interrupts repeat the last command."""
     pair.run(100, pair.pack("HEARTBEAT", type=6))
     pair.arm()
     for _ in range(20):

@@ -1,4 +1,4 @@
-"""What is written for a board, and what is refused."""
+"""The files written for a board, and invalid arguments."""
 
 import re
 import subprocess
@@ -138,7 +138,7 @@ def test_command_writes_folder_and_creates_key(tmp_path, monkeypatch):
 
 
 def test_port_functions_are_implemented_used_and_documented():
-    """Each function of port.h is written by every board, and the README counts them."""
+    """Every board implements each function of port.h, and the README gives their number."""
     firmware = Path(__file__).parents[2] / "firmware"
     text = re.sub(r"/\*.*?\*/", "", (firmware / "portable" / "port.h").read_text(), flags=re.DOTALL)
     functions = re.findall(r"(board_\w+)\(", text)
@@ -169,7 +169,7 @@ def test_mode_and_cause_names_match_the_failsafe():
 
 
 def test_firmware_uses_regulator_and_motor_settings_of_scenario():
-    """A regulator's gain, a motor's inertia; the defaults for a scenario without a regulated fan."""
+    """Gain of the regulator and inertia of the motor; defaults for a scenario without a regulated fan."""
     settings = {"world.actuators.fan.regulator.kp": "0.0123", "world.actuators.fan.motor.inertia": "4.56e-5"}
     for given, wanted in (({}, (0.08, 2.2e-5)), (settings, (0.0123, 4.56e-5))):
         scenario = build("hovercraft/forward", given)
