@@ -1,4 +1,4 @@
-"""The benchmarks run and their results agree; how fast anything is, is never asserted."""
+"""The benchmarks run and their results agree. No test asserts a speed."""
 
 import importlib.util
 import json

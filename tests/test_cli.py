@@ -1,4 +1,4 @@
-"""The command line: what it prints, and what it refuses, with the part, the value, the choices and the fix."""
+"""The command line: output of list, run and demo, and errors with part, value, choices and fix."""
 
 import json
 import os
@@ -126,7 +126,7 @@ def test_run_depends_only_on_seed_and_run_number():
 
 
 def test_demo_prints_path_of_its_picture(tmp_path, monkeypatch):
-    """By a scenario that compiles quickly."""
+    """Uses a scenario that compiles quickly."""
     monkeypatch.setattr("trimtab.commands.demo.SCENARIO", NAME)
     done = call("demo", "--out", tmp_path)
     assert done.exit_code == 0, done.output
@@ -138,7 +138,7 @@ def test_demo_prints_path_of_its_picture(tmp_path, monkeypatch):
 
 @pytest.mark.thorough
 def test_demo_verdict_matches_settling_times(tmp_path):
-    """What it says to look at: both come to the place, the real one later."""
+    """Both flights reach the target, the real one later than the ideal one."""
     flown, latest = json.loads(call("demo", "--out", tmp_path, "--json").stdout), {}
     for side in ("real", "ideal"):
         settled = [m["settling_s"] for m in flown[side]["metrics"].values() if m["settling_s"] is not None]

@@ -1,4 +1,4 @@
-"""The command that runs the cases of findings."""
+"""The command that runs the recorded findings again."""
 
 import importlib.util
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The names at the package's front door: all there, typed, and free until used."""
+"""Top-level names of the package: complete, typed, and imported only on use."""
 
 import doctest
 import importlib
@@ -72,7 +72,7 @@ FLIES = [
 
 
 def run_example(name):
-    """The example in a name's docstring, as somebody types it."""
+    """Run the example in the docstring of a name."""
     thing = getattr(trimtab, name)
     test = doctest.DocTestParser().get_doctest(thing.__doc__, {}, name, None, 0)
     assert test.examples, f"{name} has no example"

@@ -1,4 +1,4 @@
-"""The script that runs the tests again and again finds a test whose verdict changes."""
+"""The script that repeats the test suite and finds tests whose verdict changes."""
 
 import pytest
 import repeat

@@ -1,4 +1,4 @@
-"""What starts without JAX: everything that declares, reads, counts, prints or draws, but computes no run."""
+"""Modules that start without JAX: all that declare, read, print or plot, but simulate no run."""
 
 import os
 import resource
@@ -146,7 +146,7 @@ def cpu_seconds(*words):
     ],
 )
 def test_typo_is_answered_within_four_times_version_cpu_time(typed, meant):
-    """Half a second of CPU is four times what the version takes; JAX alone would be more than ten times."""
+    """The limit is four times the CPU time of --version. Importing JAX alone takes more than ten times."""
     version, _ = cpu_seconds("--version")
     took, said = cpu_seconds(*typed.split())
     assert meant in said

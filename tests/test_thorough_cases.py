@@ -1,4 +1,4 @@
-"""The mark thorough with names of cases, in a small run of pytest."""
+"""The mark thorough, applied to named cases of a parametrised test."""
 
 import os
 import subprocess

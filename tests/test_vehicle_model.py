@@ -1,4 +1,4 @@
-"""Trim and linear model in a line: the same numbers as from their parts."""
+"""The functions trim and linearise of the package."""
 
 import numpy as np
 import pytest

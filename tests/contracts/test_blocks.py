@@ -1,4 +1,4 @@
-"""Every part that steps does so as the loop needs it: pure, finite, of stable structure, compiled and in batches."""
+"""Contracts of every block: step is pure, finite, of stable structure, compilable and batchable."""
 
 import functools
 import os

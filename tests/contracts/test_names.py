@@ -1,4 +1,4 @@
-"""Names: a class exists once in the package, and a function is a verb or a noun, never a participle."""
+"""Names: class names are unique in the package, and a function's name is not a participle."""
 
 import ast
 from collections import defaultdict

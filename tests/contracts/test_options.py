@@ -1,4 +1,4 @@
-"""One grammar: an option means one thing wherever it stands, and stands wherever it makes sense."""
+"""Command line options: each has one meaning in all verbs, and applicable options are in every verb."""
 
 from collections import defaultdict
 

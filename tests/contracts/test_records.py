@@ -1,4 +1,4 @@
-"""Every public record of the part folders says what it is, and has its test and its page."""
+"""Every public record of the part folders is documented, tested and on a page."""
 
 import re
 from pathlib import Path
@@ -27,7 +27,7 @@ def _text(path):
 
 @pytest.mark.parametrize(("folder", "module"), every(modules, FOLDERS_WITH_TESTS))
 def test_module_has_a_test_file(folder, module):
-    """Its own, or, for what only serves its neighbours, one of theirs that imports it."""
+    """A module has its own test file, or a test of its folder imports it."""
     _, *families, name = module.__name__.split(".")
     path = ROOT.joinpath("tests", *families, f"test_{name}.py")
     neighbours = "".join(_text(p) for p in sorted(ROOT.joinpath("tests", *folder.split(".")).rglob("test_*.py")))
@@ -44,7 +44,7 @@ def test_every_block_and_vehicle_is_on_a_page(folder):
 
 
 def test_folders_are_not_empty():
-    """A walk that finds nothing would pass everything."""
+    """A search that finds no module would pass every test."""
     assert [cls.__name__ for cls in records("vehicles")].count("Hovercraft") == 1
     assert all(modules(folder) for folder in FOLDERS)
 

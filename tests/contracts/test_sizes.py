@@ -1,4 +1,4 @@
-"""Files hold one concept each and stay small enough to read; what is public says what it is."""
+"""Limits of file and function length; public definitions have docstrings."""
 
 import ast
 from pathlib import PurePath

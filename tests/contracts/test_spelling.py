@@ -1,4 +1,4 @@
-"""A fix is in its reader's language: the library names arguments, and only the command line writes them as options."""
+"""Error texts: the library names Python arguments, and only the command line writes them as options."""
 
 import ast
 import re

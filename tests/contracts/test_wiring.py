@@ -1,4 +1,4 @@
-"""Wiring: an object is handed what it needs. No constructor is long, and no callback is set from outside."""
+"""Wiring: constructors are short, and no callback is set from outside an object."""
 
 import ast
 from collections import defaultdict

@@ -1,6 +1,6 @@
-"""The how-to's commands, typed one after the other beside its file, print what the page says of them.
+"""The commands of the how-to, run in order, print what the page shows.
 
-What needs two terminals or a browser is asked by tests/commands/test_every_verb.py.
+tests/commands/test_every_verb.py checks commands that need two terminals or a browser.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""The pages by which somebody comes in say what is so: tutorial, references, claims, messages, words."""
+"""Front pages are correct: README, tutorial, references, claims, messages, glossary."""
 
 import importlib.util
 import inspect
@@ -183,7 +183,7 @@ def test_command_of_each_claim_exists(row):
 
 @pytest.mark.parametrize("row", [row for row in CLAIMS if re.search(r"\d", row[1])], ids=lambda row: row[0])
 def test_figures_of_each_claim_match_the_page_it_cites(row):
-    """On the page that explains it, or of the studies in the table of the front page."""
+    """Each figure is on the page that explains it, or in the README's table of studies."""
     page = re.search(r"\]\(([^)#]+)", row[3])[1]
     said = read(page) + (ROOT / "README.md").read_text(encoding="utf-8")
     for figure in re.findall(r"\d+(?:[ .]\d+)*(?: of \d+)?", row[1]):

@@ -1,4 +1,4 @@
-"""Kernels of the pages are forked from one server, and yet each is a process of its own that saw no other page."""
+"""Kernels of the pages are forked from one server; each is a fresh process without state of other pages."""
 
 import importlib.util
 import json

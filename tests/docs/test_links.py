@@ -1,4 +1,4 @@
-"""Every link of the built pages, and of the front page, leads somewhere; the search finds what is refused."""
+"""Links of the built pages and of the README are valid; the search finds error messages."""
 
 import json
 import re
@@ -91,7 +91,7 @@ SEARCHED = {
 @pytest.mark.thorough
 @pytest.mark.parametrize("words", SEARCHED)
 def test_search_finds_message_by_its_words(words, site):
-    """As the search does: a page is found that has every word's stem in its text or a title, but for stop words."""
+    """Like the search: a page is found if its text or a title has the stem of every word, except stop words."""
     index = json.loads((site / "searchindex.js").read_text("utf-8").removeprefix("Search.setIndex(").removesuffix(")"))
     language = SearchEnglish({})
     page = index["docnames"].index(SEARCHED[words])

@@ -1,4 +1,4 @@
-"""All pages build with their cells, which the gate does not run; a reader can type what the tutorial shows."""
+"""All pages build with their cells; the shown cells of the tutorial run without the hidden ones."""
 
 import ast
 import os

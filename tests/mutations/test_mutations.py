@@ -1,4 +1,4 @@
-"""The lists of mutations beside this file still name what is there; `run.py` tries them."""
+"""The lists of mutations match the sources; `run.py` tries the mutations."""
 
 import ast
 from collections import Counter

@@ -1,4 +1,4 @@
-"""What goes with a release says the same as the package: version, licences, extras, how to cite, what is new."""
+"""Documents of a release agree with the package: version, licences, extras, citation, changelog."""
 
 import re
 import subprocess
@@ -30,7 +30,7 @@ def test_version_is_defined_once_and_documents_agree():
 
 
 def test_every_dependency_is_listed_with_its_licence():
-    """On another Python a package may say its licence in more words, and fewer may be needed."""
+    """On another Python the licence text of a package may be longer, and fewer packages may be needed."""
     rows = read_rows()
     assert len(rows) > 70
     for name, doors in find_packages().items():
@@ -49,7 +49,7 @@ def test_required_dependencies_are_permissive_and_copyleft_is_named():
 
 @pytest.mark.parametrize("extra", PROJECT["project"]["optional-dependencies"])
 def test_every_extra_is_documented(extra):
-    """A user's in the README's table; a developer's in CONTRIBUTING."""
+    """Extras for users are in the README's table, those for developers in CONTRIBUTING."""
     page = read("CONTRIBUTING.md") if extra in DEVELOPERS else read("README.md")
     assert re.search(rf"^\| `{extra}` \| .+ \|$", page, re.MULTILINE), extra
 

@@ -1,4 +1,4 @@
-"""What is handed on: a source archive and a wheel, small and whole, that fly where nothing else is."""
+"""The source archive and the wheel of a release are small and complete, and work in a clean environment."""
 
 import email
 import os
@@ -116,7 +116,7 @@ def test_archive_and_wheel_metadata_are_complete(release):
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("python", find_pythons(), ids=lambda p: f"{p.parents[1].name}/{p.name}")
 def test_wheel_flies_in_clean_environment(python, release, tmp_path):
-    """Doors of the README that need no extra, and `firmware`, which needs one, by the wheel alone."""
+    """Runs the README's commands that need no extra, and `firmware`, from the installed wheel."""
     venv, here = tmp_path / "venv", tmp_path / "here"
     here.mkdir()
     run(python, "-m", "venv", venv, cwd=here)

@@ -1,4 +1,4 @@
-"""What `trimtab new` writes, as it stands in the package: each test of it passes, and fails where the part is wrong."""
+"""Templates of `trimtab new`: their tests pass, and fail if the part is wrong."""
 
 import importlib
 import subprocess
