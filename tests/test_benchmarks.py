@@ -1,4 +1,4 @@
-"""The benchmarks run and their results agree; how fast anything is, is never asserted."""
+"""The benchmarks run and their results agree. No test asserts a speed."""
 
 import importlib.util
 import json
@@ -36,7 +36,7 @@ def printed_numbers():
 
 @pytest.mark.thorough
 @needs_compilers
-def test_all_programs_of_the_comparison_agree(tmp_path):
+def test_compared_programs_agree_in_results(tmp_path):
     done = python(BENCHMARKS / "compare.py", "--quick", "--json", tmp_path / "found.json")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "all results agree to 1e-09" in done.stdout
@@ -55,7 +55,7 @@ def test_all_programs_of_the_comparison_agree(tmp_path):
 
 @pytest.mark.thorough
 @needs_compilers
-def test_a_program_that_is_wrong_is_named():
+def test_comparison_names_wrong_program():
     text = """
 import sys, tempfile
 sys.path.insert(0, sys.argv[1])
@@ -74,7 +74,7 @@ with tempfile.TemporaryDirectory() as folder:
 
 @pytest.mark.thorough
 @needs_compilers
-def test_filters_in_c_numpy_and_where_it_is_installed_filterpy_agree():
+def test_filters_in_c_numpy_and_filterpy_agree():
     done = python(BENCHMARKS / "filters.py", "--quick")
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("all results agree to 1e-09") == 2
@@ -85,7 +85,7 @@ def test_filters_in_c_numpy_and_where_it_is_installed_filterpy_agree():
 
 @pytest.mark.thorough
 @needs_compilers
-def test_a_filter_that_is_wrong_fails_the_command():
+def test_wrong_filter_fails_the_benchmark():
     text = """
 import sys
 sys.path.insert(0, sys.argv[1])
@@ -100,13 +100,13 @@ sys.exit(filters.main())
     assert "WRONG by more than 1e-09: trimtab C" in done.stdout
 
 
-def test_hand_c_is_held_to_the_numbers_of_the_definition():
+def test_hand_written_c_is_checked_against_python_definition():
     text = (BENCHMARKS / "references.py").read_text(encoding="utf-8")
     known = [float(x) for x in re.findall(r"-?\d+\.\d{8,}", text.split("KNOWN")[1].split('"""')[0])]
     np.testing.assert_array_equal(known, printed_numbers())
 
 
-def test_ratios_are_taken_within_a_round_and_differences_see_everything():
+def test_ratios_are_paired_per_round_and_differences_include_nan():
     paired = loaded("paired")
     timed = paired.Timed({}, {"a": [1.0, 20.0, 6.0], "b": [1.0, 10.0, 2.0], "none": []}, {})
     assert paired.ratio(timed, "a", "b") == (2.0, 1.0, 3.0)
@@ -140,7 +140,7 @@ def test_rounds_shuffle_the_order_and_give_each_program_its_own_copy():
     assert [float(x[0][0]) for x in inputs] == list(range(9))
 
 
-def test_several_runs_of_a_short_program_give_the_first_and_the_time_of_one():
+def test_repeated_short_program_returns_first_result_and_run_count():
     paired = loaded("paired")
     keys = []
 
@@ -154,7 +154,7 @@ def test_several_runs_of_a_short_program_give_the_first_and_the_time_of_one():
 
 
 @pytest.mark.thorough
-def test_a_peers_worker_answers_with_the_numbers_of_the_definition():
+def test_peer_worker_result_matches_python_definition():
     asked = json.dumps(["peer", [1.0, 2.5], [7, 0]]) + "\n"
     done = python(BENCHMARKS / "peers" / "worker.py", "hover_np", input=asked)
     about, answer = map(json.loads, done.stdout.splitlines())
@@ -162,7 +162,7 @@ def test_a_peers_worker_answers_with_the_numbers_of_the_definition():
     np.testing.assert_allclose(answer, printed_numbers(), rtol=0, atol=1e-9)
 
 
-def test_every_command_of_the_page_is_there():
+def test_every_command_of_the_benchmark_page_exists():
     page = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
     named = set(re.findall(r"python (benchmarks/[\w/]+\.py)", page))
     assert {"benchmarks/compare.py", "benchmarks/instructions.py", "benchmarks/peers/run.py"} <= named
@@ -172,7 +172,7 @@ def test_every_command_of_the_page_is_there():
 @pytest.mark.thorough
 @needs_compilers
 @pytest.mark.skipif(not shutil.which("valgrind"), reason="no valgrind")
-def test_instructions_are_counted_on_programs_whose_results_agree():
+def test_instruction_counts_require_agreeing_results():
     done = python(BENCHMARKS / "instructions.py")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "all results agree to 1e-09" in done.stdout
@@ -180,7 +180,7 @@ def test_instructions_are_counted_on_programs_whose_results_agree():
 
 @pytest.mark.thorough
 @needs_compilers
-def test_a_flight_is_timed_with_and_without_its_log():
+def test_deadline_benchmark_times_flight_with_and_without_log():
     done = python(BENCHMARKS / "deadlines.py", "--quick", "--markdown")
     assert done.returncode == 0, done.stdout + done.stderr
     lines = done.stdout.splitlines()
@@ -192,7 +192,7 @@ def test_a_flight_is_timed_with_and_without_its_log():
 
 @pytest.mark.thorough
 @needs_compilers
-def test_simulate_is_held_against_its_flight():
+def test_simulate_is_timed_against_its_c_function():
     done = python(BENCHMARKS / "simulate.py", "--rounds", "1", "--markdown")
     assert done.returncode == 0, done.stdout + done.stderr
     lines = [line for line in done.stdout.splitlines() if "time of simulate / time of its C function" in line]
@@ -201,7 +201,7 @@ def test_simulate_is_held_against_its_flight():
 
 @needs_compilers
 @pytest.mark.thorough
-def test_a_campaign_is_held_against_one_call_of_the_simulator():
+def test_campaign_is_timed_against_one_simulator_call():
     done = python(BENCHMARKS / "campaign.py", "--quick", "--markdown")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "all rows are equal" in done.stdout
@@ -212,7 +212,7 @@ def test_a_campaign_is_held_against_one_call_of_the_simulator():
 
 @pytest.mark.thorough
 @needs_compilers
-def test_functions_of_other_libraries_are_as_listed_and_casadi_computes_the_same():
+def test_foreign_functions_compile_as_listed():
     pytest.importorskip("jaxlie")
     done = python(BENCHMARKS / "foreign.py", "--quick", "--library", "jaxlie", "--markdown")
     assert done.returncode == 0, done.stdout + done.stderr

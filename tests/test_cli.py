@@ -1,4 +1,4 @@
-"""The command line: what it prints, and what it refuses, with the part, the value, the choices and the fix."""
+"""The command line: output of list, run and demo, and errors with part, value, choices and fix."""
 
 import json
 import os
@@ -27,7 +27,7 @@ def call(*words):
     return CliRunner().invoke(main, [str(w) for w in words])
 
 
-def test_list_shows_every_scenario_with_its_line():
+def test_list_shows_every_scenario():
     done = call("list")
     assert done.exit_code == 0
     wanted = ("zero-velocity", "forward", "reverse", "spin", "heading-bang-bang", "heading-proportional")
@@ -44,7 +44,7 @@ def test_list_of_a_scenario_shows_settings_with_units():
 
 
 @pytest.mark.thorough
-def test_friction_is_reached_by_its_path_and_listed():
+def test_friction_is_listed_and_set_by_its_path():
     assert "torque_viscous" in json.loads(call("list", NAME, "--json").stdout)["optional"]["world.vehicle.friction"]
     path = "world.vehicle.friction.torque_viscous"
     words = ("run", NAME, "--duration", "1", "--json", "--set")
@@ -75,7 +75,7 @@ def test_run_json_has_the_documented_keys():
         assert result[side]["mode_switches"] == 0
 
 
-def test_run_is_repeatable_and_the_seed_matters():
+def test_run_is_reproducible_and_depends_on_seed():
     one, again, other = (
         json.loads(call("run", NAME, "--duration", "1", "--no-ideal", "--seed", s, "--json").stdout)["real"]
         for s in (1, 1, 2)
@@ -84,7 +84,7 @@ def test_run_is_repeatable_and_the_seed_matters():
     assert one != other
 
 
-def test_a_setting_changes_the_flight_and_without_a_fault_it_is_nearer_to_ideal():
+def test_setting_changes_flight_and_removing_noise_reduces_error():
     base = json.loads(call("run", NAME, "--json").stdout)
     heavy = json.loads(call("run", NAME, "--set", "world.vehicle.mass=5", "--json").stdout)
     quiet = json.loads(call("run", NAME, "--without", "navigation-error", "--json").stdout)
@@ -102,7 +102,7 @@ def test_scenario_choice_is_a_setting():
 
 
 @pytest.mark.thorough
-def test_out_writes_log_and_picture_that_open(tmp_path):
+def test_out_option_writes_readable_log_and_picture(tmp_path):
     out = tmp_path / "new" / "flight"
     done = call("run", NAME, "--duration", "1", "--out", out)
     assert done.exit_code == 0, done.output
@@ -117,7 +117,7 @@ def test_out_writes_log_and_picture_that_open(tmp_path):
     assert "sensors.navigation.value.yaw_rate" in log.paths
 
 
-def test_a_run_is_that_of_its_seed_and_number():
+def test_run_depends_only_on_seed_and_run_number():
     flown = [call("run", NAME, "--duration", "1", "--no-ideal", "--seed", "3", "--run", k, "--json") for k in "0770"]
     numbers = [json.loads(one.stdout) for one in flown]
     assert [n["run"] for n in numbers] == [0, 7, 7, 0]
@@ -125,8 +125,8 @@ def test_a_run_is_that_of_its_seed_and_number():
     assert metrics[1] == metrics[2] != metrics[0] == metrics[3]
 
 
-def test_demo_says_where_its_picture_is(tmp_path, monkeypatch):
-    """By a scenario that compiles quickly."""
+def test_demo_prints_path_of_its_picture(tmp_path, monkeypatch):
+    """Uses a scenario that compiles quickly."""
     monkeypatch.setattr("trimtab.commands.demo.SCENARIO", NAME)
     done = call("demo", "--out", tmp_path)
     assert done.exit_code == 0, done.output
@@ -137,8 +137,8 @@ def test_demo_says_where_its_picture_is(tmp_path, monkeypatch):
 
 
 @pytest.mark.thorough
-def test_the_demos_verdict_is_that_of_its_flight(tmp_path):
-    """What it says to look at: both come to the place, the real one later."""
+def test_demo_verdict_matches_settling_times(tmp_path):
+    """Both flights reach the target, the real one later than the ideal one."""
     flown, latest = json.loads(call("demo", "--out", tmp_path, "--json").stdout), {}
     for side in ("real", "ideal"):
         settled = [m["settling_s"] for m in flown[side]["metrics"].values() if m["settling_s"] is not None]
@@ -195,7 +195,7 @@ def test_refused_input_names_part_value_choices_and_fix(words, says, tmp_path, m
         (["run", NAME, "--seed", "-1"], "--seed 0"),
     ],
 )
-def test_what_cannot_be_done_is_refused_with_what_to_type(words, says):
+def test_unsupported_commands_are_rejected_with_command_to_type(words, says):
     done = call(*words)
     assert done.exit_code == 2
     assert says in done.stderr
@@ -210,7 +210,7 @@ def test_backend_can_be_chosen():
         assert value == pytest.approx(found[1]["real"]["final"][path], abs=1e-9)
 
 
-def test_a_synonym_is_typed_as_it_stands():
+def test_synonyms_point_to_existing_verbs():
     for words in SYNONYMS.values():
         verb = words.split()[0]
         assert verb in main.commands or verb in ("--help", "--version"), words
@@ -231,7 +231,7 @@ def test_a_synonym_is_typed_as_it_stands():
         ("export --verify", "Fix: trimtab export "),
     ],
 )
-def test_a_refusal_ends_with_what_to_type(line, fix):
+def test_errors_end_with_the_command_to_type(line, fix):
     said = CliRunner().invoke(main, line.split())
     assert said.exit_code == 2
     assert fix in said.stderr

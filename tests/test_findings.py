@@ -1,4 +1,4 @@
-"""The command that runs the cases of findings."""
+"""The command that runs the recorded findings again."""
 
 import importlib.util
 from pathlib import Path
@@ -38,7 +38,7 @@ def test_each_finding_has_one_row() -> None:
     assert [finding.id for finding in compiler.FINDINGS] == [f"K{k}" for k in range(1, 13)]
 
 
-def test_prints_what_happened_at_first_beside_the_verdict(
+def test_prints_original_behaviour_and_current_verdict(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(links, "FINDINGS", CASES)
@@ -58,7 +58,7 @@ def test_refuses_unknown_names(wrong: list[str], capsys: pytest.CaptureFixture[s
     assert "choose from" in capsys.readouterr().err
 
 
-def test_a_case_may_end_its_process() -> None:
+def test_case_that_aborts_its_process_is_reported() -> None:
     assert run_python("print('a'); print('b')") == (0, "b")
     status: Any = run_python("import os; os.abort()")[0]
     assert status != 0

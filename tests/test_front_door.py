@@ -1,4 +1,4 @@
-"""The names at the package's front door: all there, typed, and free until used."""
+"""Top-level names of the package: complete, typed, and imported only on use."""
 
 import doctest
 import importlib
@@ -13,7 +13,7 @@ import trimtab
 
 
 @pytest.mark.parametrize("name", trimtab.HOMES)
-def test_every_name_is_the_thing_at_its_home(name):
+def test_every_top_level_name_is_the_object_of_its_module(name):
     module, _, own = trimtab.HOMES[name].partition(":")
     home = importlib.import_module(f"trimtab.{module}")
     assert getattr(trimtab, name) is getattr(home, own or name)
@@ -29,24 +29,24 @@ def test_type_checkers_see_the_same_names():
     assert seen == trimtab.HOMES
 
 
-def test_importing_the_package_imports_nothing_heavy():
+def test_importing_the_package_imports_no_heavy_module():
     code = "import sys, trimtab; print([m for m in ('jax', 'numpy', 'scipy', 'click') if m in sys.modules])"
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
 
 
-def test_a_name_there_is_not_says_which_there_are():
+def test_unknown_attribute_suggests_existing_name():
     with pytest.raises(AttributeError, match="Campaign"):
         trimtab.campain  # noqa: B018
 
 
 @pytest.mark.parametrize("name", trimtab.OTHER_NAMES)
-def test_another_common_name_is_answered_with_ours(name):
+def test_common_alternative_name_suggests_ours(name):
     assert trimtab.OTHER_NAMES[name] in trimtab.HOMES
     with pytest.raises(AttributeError, match=f"write  trimtab.{trimtab.OTHER_NAMES[name]};"):
         trimtab.__getattr__(name)
 
 
-def test_a_star_import_gives_the_public_names():
+def test_star_import_gives_the_public_names():
     names = {}
     exec("from trimtab import *", names)
     assert set(trimtab.HOMES) <= set(names)
@@ -72,7 +72,7 @@ FLIES = [
 
 
 def run_example(name):
-    """The example in a name's docstring, as somebody types it."""
+    """Run the example in the docstring of a name."""
     thing = getattr(trimtab, name)
     test = doctest.DocTestParser().get_doctest(thing.__doc__, {}, name, None, 0)
     assert test.examples, f"{name} has no example"
@@ -83,17 +83,17 @@ def run_example(name):
 
 
 @pytest.mark.parametrize("name", [n for n in trimtab.HOMES if n not in FLIES])
-def test_its_example_does_what_it_says(name):
+def test_docstring_example_prints_the_shown_output(name):
     run_example(name)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", FLIES)
-def test_its_example_flies(name):
+def test_docstring_example_of_simulation_prints_the_shown_output(name):
     run_example(name)
 
 
-def test_fields_are_shown_with_unit_and_meaning():
+def test_class_docs_show_fields_with_unit_and_meaning():
     from trimtab.vehicles.hovercraft import Hovercraft
 
     assert "mass [kg]: Total mass with batteries. Default: 2.6." in Hovercraft.__doc__
@@ -102,7 +102,7 @@ def test_fields_are_shown_with_unit_and_meaning():
 
 
 @pytest.mark.parametrize("value", ["3 m", "three"])
-def test_a_text_that_is_no_mass_is_refused(value):
+def test_rejects_text_that_is_not_a_mass(value):
     with pytest.raises(trimtab.InputError, match=r"Hovercraft\.mass.*") as refused:
         trimtab.replace(trimtab.build("hovercraft/spin").world.vehicle, mass=value)
     assert refused.value.fix.startswith('mass="')
@@ -112,13 +112,13 @@ def test_a_text_that_is_no_mass_is_refused(value):
     ("duration", "said"),
     [(30, "30 units of 100 ns are 0.003 ms"), (30.0, "not a whole number"), ("3 kg", "is not a time"), (True, "True")],
 )
-def test_a_duration_that_is_none_is_refused_in_words(duration, said):
+def test_rejects_invalid_duration_with_message(duration, said):
     with pytest.raises(trimtab.InputError, match=said) as refused:
         trimtab.simulate("hovercraft/spin", duration=duration)
     assert 'duration="' in refused.value.fix
 
 
-def test_what_is_no_scenario_is_refused():
+def test_rejects_invalid_scenario_argument():
     with pytest.raises(trimtab.InputError, match="a int is not a scenario"):
         trimtab.simulate(3)
     with pytest.raises(trimtab.InputError, match="there is no such scenario"):
@@ -140,7 +140,7 @@ def of(scenario: Scenario[Hovercraft], any_one: Scenario, world: World[Hovercraf
 
 
 @pytest.mark.thorough
-def test_a_type_checker_knows_the_vehicle(tmp_path):
+def test_type_checker_infers_vehicle_class(tmp_path):
     (tmp_path / "sample.py").write_text(SAMPLE)
     package = Path(trimtab.__file__).parent
     assert (package / "py.typed").exists()

@@ -25,7 +25,7 @@ def test_a_passed_attempt_is_never_void() -> None:
     assert judge(False, None, bears_ms=20) == "pass"
 
 
-def test_a_failed_attempt_is_void_only_with_evidence_beyond_the_limit() -> None:
+def test_failed_attempt_is_void_only_with_evidence_beyond_limit() -> None:
     assert judge(True, None, bears_ms=20) == "fail"
     assert judge(True, Evidence(), bears_ms=20) == "fail"
     assert judge(True, LATE, bears_ms=20) == "void"
@@ -34,19 +34,19 @@ def test_a_failed_attempt_is_void_only_with_evidence_beyond_the_limit() -> None:
     assert LATE.blame(20) == "CPU 0 ran other programs for 80 ms; the test bears 20 ms"
 
 
-def test_own_load_is_no_evidence() -> None:
+def test_own_load_is_not_evidence() -> None:
     gap, wait = Gap(0, *ms(0, 90), host_ns=0), Wait("7", *ms(0, 50), host_ns=0)
     assert judge(True, Evidence((gap,), (wait,)), bears_ms=1) == "fail"
 
 
-def test_a_task_that_waited_for_a_cpu_is_evidence() -> None:
+def test_cpu_wait_of_a_task_is_evidence() -> None:
     waits = tuple(Wait("7", *ms(50 * k, 50 * k + 50, 12)) for k in range(3))
     assert judge(True, Evidence(waits=waits[:1]), bears_ms=20) == "fail"
     assert judge(True, Evidence(waits=waits), bears_ms=20) == "void"
     assert Evidence(waits=waits).blame(20) == "task 7 waited 24 ms for a CPU; the test bears 20 ms"
 
 
-def test_waits_count_together_within_a_span_and_for_one_task() -> None:
+def test_waits_are_summed_per_task_within_a_time_span() -> None:
     waits = [Wait("7", *ms(50 * k, 50 * k + 50, 10)) for k in range(8)]
     assert longest_wait(waits, 100 * NS_PER_MS) == ("7", 20 * NS_PER_MS)
     assert longest_wait(waits, 400 * NS_PER_MS) == ("7", 80 * NS_PER_MS)
@@ -151,13 +151,13 @@ def test_three_void_attempts_are_not_judged_and_not_a_pass(tmp_path: Path) -> No
     assert "test_it.py::test_deadline, attempt 3: CPU 0 ran other programs" in ran.text
 
 
-def test_a_mark_declares_what_a_test_bears(tmp_path: Path) -> None:
+def test_bears_ms_mark_sets_the_tolerated_delay(tmp_path: Path) -> None:
     assert run_with_evidence(tmp_path, [50], passes=2, mark="bears_ms=51").status == 1
     assert run_with_evidence(tmp_path, [50], passes=2, mark="bears_ms=49").status == 0
     assert BEARS_MS == 20
 
 
-def test_without_a_witness_a_failure_is_a_failure(tmp_path: Path) -> None:
+def test_without_witness_a_failed_attempt_fails(tmp_path: Path) -> None:
     conftest = CONFTEST.replace("verdicts.witness = HandedIn", "verdicts.witness = lambda: None")
     ran = Ran(tmp_path, conftest, TESTS.format(mark="", passes=2))
     assert (ran.status, ran.closing.split(" in ")[0]) == (1, "1 failed"), ran.text
@@ -259,7 +259,7 @@ needs_schedstat = pytest.mark.skipif(not HostWitness.is_possible(), reason="no /
 
 @needs_schedstat
 @pytest.mark.real_time
-def test_other_programs_of_high_priority_make_a_missed_deadline_void(tmp_path: Path) -> None:
+def test_high_priority_load_makes_missed_deadline_void(tmp_path: Path) -> None:
     """The load lasts for all three attempts, so that the test is not judged."""
     try:
         with load(os.SCHED_FIFO, 10):
@@ -273,20 +273,20 @@ def test_other_programs_of_high_priority_make_a_missed_deadline_void(tmp_path: P
 
 @needs_schedstat
 @pytest.mark.real_time
-def test_a_stopped_process_under_test_fails_and_is_never_void(tmp_path: Path) -> None:
+def test_stopped_process_under_test_fails_and_is_not_void(tmp_path: Path) -> None:
     ran = Ran(tmp_path, MEASURED, STOPPED)
     assert (ran.status, ran.closing.split(" in ")[0]) == (1, "1 failed"), ran.text
 
 
 @needs_schedstat
 @pytest.mark.real_time
-def test_own_busy_processes_are_not_the_hosts_fault(tmp_path: Path) -> None:
+def test_own_busy_processes_do_not_make_failure_void(tmp_path: Path) -> None:
     ran = Ran(tmp_path, MEASURED, OWN_LOAD)
     assert (ran.status, ran.closing.split(" in ")[0]) == (1, "1 failed"), ran.text
 
 
 @pytest.mark.real_time
-def test_the_witness_sees_a_stall_of_its_cpu(host_witness: HostWitness) -> None:
+def test_witness_detects_stall_of_its_cpu(host_witness: HostWitness) -> None:
     start = time.monotonic_ns()
     with load(os.SCHED_FIFO, 10):
         time.sleep(1.5)
@@ -295,7 +295,7 @@ def test_the_witness_sees_a_stall_of_its_cpu(host_witness: HostWitness) -> None:
 
 
 @pytest.mark.real_time
-def test_the_witness_ends_with_the_process_beside_it(tmp_path: Path, host_witness: HostWitness) -> None:
+def test_witness_exits_when_its_parent_is_killed(tmp_path: Path, host_witness: HostWitness) -> None:
     text = (
         "import host_witness, os; print(host_witness.HostWitness()._process.pid, flush=True); os.kill(os.getpid(), 9)"
     )

@@ -113,7 +113,7 @@ def repository(tmp_path: Path) -> Repository:
     return Repository(folder)
 
 
-def test_records_a_green_run_and_its_age(repository: Repository) -> None:
+def test_records_green_run_and_its_age(repository: Repository) -> None:
     commit = repository.git("rev-parse", "HEAD")
     assert repository.record("ages") == (0, "thorough: never recorded\nreal_time: never recorded\n")
     status, said = repository.record("thorough")
@@ -155,7 +155,7 @@ def test_a_test_that_is_not_judged_makes_the_record_red(repository: Repository) 
     assert "thorough: never green; last run red: 0 failed, 1 not judged" in repository.record("ages")[1]
 
 
-def test_parts_at_one_commit_make_a_run(repository: Repository) -> None:
+def test_parts_recorded_at_one_commit_form_a_full_run(repository: Repository) -> None:
     tests = "".join(f"@pytest.mark.thorough\ndef test_{k}():\n    pass\n\n" for k in range(6))
     commit = repository.commit("import pytest\n\n" + tests)
     status, said = repository.record("thorough", "--part", "2/2")
@@ -214,7 +214,7 @@ def test_records_nothing_where_tests_cannot_be_collected(repository: Repository)
     assert not repository.records.exists()
 
 
-def test_knows_a_record_that_is_not_in_this_history(repository: Repository) -> None:
+def test_reports_record_of_commit_outside_history(repository: Repository) -> None:
     repository.commit(TESTS + "# another\n")
     assert repository.record("thorough")[0] == 0
     repository.git("reset", "-q", "--soft", "HEAD~1")

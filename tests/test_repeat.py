@@ -1,4 +1,4 @@
-"""The script that runs the tests again and again finds a test whose verdict changes."""
+"""The script that repeats the test suite and finds tests whose verdict changes."""
 
 import pytest
 import repeat
@@ -40,7 +40,7 @@ def test_reports_a_test_whose_verdict_changes(tmp_path, capsys):
 
 
 @pytest.mark.thorough
-def test_steady_verdicts_are_well(tmp_path, capsys):
+def test_steady_verdicts_exit_with_0(tmp_path, capsys):
     (tmp_path / "test_steady.py").write_text(STEADY)
     assert repeat.main(["--runs", "2", "--busy", "0", *ALONE, str(tmp_path)]) == 0
     assert "3 tests had the same verdict in all 2 runs" in capsys.readouterr().out

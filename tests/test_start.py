@@ -1,4 +1,4 @@
-"""What starts without JAX: everything that declares, reads, counts, prints or draws, but computes no run."""
+"""Modules that start without JAX: all that declare, read, print or plot, but simulate no run."""
 
 import os
 import resource
@@ -63,7 +63,7 @@ def run(text, *words):
 
 
 @pytest.mark.thorough
-def test_logs_metrics_tables_and_pictures_do_without_jax(tmp_path):
+def test_logs_metrics_tables_and_plots_work_without_jax(tmp_path):
     done = run(USE, str(tmp_path))
     assert done.returncode == 0, done.stderr
     assert "yaw_rate (rad/s)" in done.stdout
@@ -85,7 +85,7 @@ def test_logs_metrics_tables_and_pictures_do_without_jax(tmp_path):
         "trimtab.run.program",
     ],
 )
-def test_who_reads_draws_or_flies_a_compiled_program_starts_without_jax(module):
+def test_modules_for_logs_plots_and_compiled_flight_import_without_jax(module):
     done = run(f"import sys, {module}\nprint('jax' in sys.modules)")
     assert done.stdout == "False\n", done.stderr
 
@@ -99,7 +99,7 @@ def test_the_command_starts_without_numpy(module):
     assert done.stdout == "[]\n", done.stderr
 
 
-def test_help_imports_no_verb_and_says_what_each_does():
+def test_help_describes_every_verb_without_importing_them():
     code = """
 import sys
 from click.testing import CliRunner
@@ -118,7 +118,7 @@ for name, module in modules.items():
     assert done.returncode == 0, done.stderr
 
 
-def test_navigation_is_judged_without_jax():
+def test_navigation_assessment_imports_no_jax_or_scipy_stats():
     done = run("import sys, trimtab.logs.navigation\nprint({'jax', 'scipy.stats'} & set(sys.modules))")
     assert done.stdout == "set()\n", done.stderr
 
@@ -145,8 +145,8 @@ def cpu_seconds(*words):
         ("trim hovercraft/spinn", "hovercraft/spin"),
     ],
 )
-def test_a_typo_is_answered_about_as_soon_as_the_version(typed, meant):
-    """Half a second of CPU is four times what the version takes; JAX alone would be more than ten times."""
+def test_typo_is_answered_within_four_times_version_cpu_time(typed, meant):
+    """The limit is four times the CPU time of --version. Importing JAX alone takes more than ten times."""
     version, _ = cpu_seconds("--version")
     took, said = cpu_seconds(*typed.split())
     assert meant in said

@@ -1,4 +1,4 @@
-"""The mark thorough with names of cases, in a small run of pytest."""
+"""The mark thorough, applied to named cases of a parametrised test."""
 
 import os
 import subprocess
@@ -65,11 +65,11 @@ def collect(folder: Path, tests: str, expression: str) -> tuple[list[str], str]:
         ("thorough", THOROUGH),
     ],
 )
-def test_the_mark_holds_for_the_cases_that_it_names(tmp_path: Path, expression: str, wanted: list[str]) -> None:
+def test_thorough_mark_applies_to_named_cases(tmp_path: Path, expression: str, wanted: list[str]) -> None:
     assert collect(tmp_path, TESTS, expression)[0] == wanted
 
 
-def test_a_case_that_does_not_exist_is_an_error(tmp_path: Path) -> None:
+def test_unknown_case_in_thorough_mark_is_an_error(tmp_path: Path) -> None:
     _, said = collect(tmp_path, TESTS.replace('"a-b")\n@', '"ab")\n@'), "thorough")
     assert (
         "test_some: the mark thorough names ['ab'], which are no cases of the test. Its cases: ['1', '2', 'a-b']"

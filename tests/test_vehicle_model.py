@@ -1,4 +1,4 @@
-"""Trim and linear model in a line: the same numbers as from their parts."""
+"""The functions trim and linearise of the package."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from trimtab.vehicle_model import linearise, trim
 pytestmark = pytest.mark.thorough
 
 
-def test_a_trim_of_a_name_and_of_a_scenario():
+def test_trim_by_name_equals_trim_of_scenario():
     at = {"surge_velocity": "3.6 km/h", "yaw_rate": 0}
     named, given = trim("hovercraft/forward", at), trim(build("hovercraft/forward"), at)
     assert named.is_found
@@ -18,7 +18,7 @@ def test_a_trim_of_a_name_and_of_a_scenario():
     np.testing.assert_array_equal(named.x, given.x)
 
 
-def test_the_linear_model_is_that_of_the_equations():
+def test_linear_model_matches_analytic_jacobian():
     """u' = v r + FX/m, v' = -u r + FY/m, r' = -d FY/J about u = 1 m/s."""
     m, J, d = 2.6, 0.096, 0.32
     own = ["surge_velocity", "sway_velocity", "yaw_rate"]
@@ -28,6 +28,6 @@ def test_the_linear_model_is_that_of_the_equations():
     assert linear.outputs == ("yaw_rate",)
 
 
-def test_a_unit_of_something_else_is_refused():
+def test_rejects_unit_of_another_quantity():
     with pytest.raises(InputError, match="does not measure"):
         trim("hovercraft/forward", {"surge_velocity": "1 kg"})

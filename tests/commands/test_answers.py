@@ -1,4 +1,4 @@
-"""What verbs print after --json is what the published schema says; tests/answers.py holds every other test to it."""
+"""JSON output of the verbs conforms to the published schema; tests/answers.py checks it in every other test."""
 
 import json
 import re
@@ -62,14 +62,14 @@ def call(*words):
 
 
 def answer(words, here):
-    """What a command prints after --json; anything but a refusal of the schema is its own affair."""
+    """Return the JSON that a command prints; fail only if the output violates the schema."""
     done = call(*(w.format(here=here) for w in words), "--json")
     assert not isinstance(done.exception, AssertionError), done.exception
     return json.loads(done.stdout)
 
 
 @pytest.mark.parametrize("case", QUICK)
-def test_an_answer_is_as_published(case, tmp_path):
+def test_answer_conforms_to_published_schema(case, tmp_path):
     given = answer(QUICK[case], tmp_path)
     assert not complaints(given)
     assert given["answer"] == ("error/1" if "refused" in case else f"{QUICK[case][0]}/1")
@@ -77,13 +77,13 @@ def test_an_answer_is_as_published(case, tmp_path):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("case", SLOW)
-def test_an_answer_that_takes_its_time_is_as_published(case, tmp_path):
+def test_slow_answer_conforms_to_published_schema(case, tmp_path):
     given = answer(SLOW[case], tmp_path)
     assert not complaints(given)
     assert given["answer"] == f"{SLOW[case][0]}/1", given
 
 
-def test_the_schema_is_one_and_lets_nothing_pass_that_it_does_not_name():
+def test_schema_is_valid_and_forbids_undeclared_properties():
     from jsonschema import Draft202012Validator
 
     schema = read_schema()
@@ -98,7 +98,7 @@ def test_the_schema_is_one_and_lets_nothing_pass_that_it_does_not_name():
             assert set(one["required"]) <= set(one["properties"])
 
 
-def test_every_verb_that_takes_json_has_an_answer_there():
+def test_schema_covers_every_verb_with_json_option():
     taking = {
         verb
         for verb in VERBS
@@ -118,16 +118,16 @@ SPOILT = {
 
 
 @pytest.mark.parametrize("spoil", SPOILT.values(), ids=SPOILT)
-def test_what_is_not_as_published_is_noticed(spoil):
+def test_validation_detects_nonconforming_answer(spoil):
     good = json.loads(call("list", SPIN, "--json").stdout)
     assert not complaints(good)
     assert complaints(spoil(good))
 
 
-def test_a_verb_whose_answer_is_not_as_published_fails_its_test(monkeypatch):
+def test_nonconforming_answer_of_a_verb_fails_its_test(monkeypatch):
     monkeypatch.setattr("trimtab.commands.list.catalogue.scenario_names", lambda: {"a": 1})
     assert "is not of type 'string'" in str(call("list", "--json").exception)
 
 
-def test_the_schema_is_printed():
+def test_answers_option_prints_the_schema():
     assert json.loads(call("list", "--answers").stdout) == read_schema()

@@ -1,4 +1,4 @@
-"""What a person's measurements may have wrong, by procedure: named by line and column, nothing silent.
+"""Mistakes in measurement files, by procedure: each is reported with line and column.
 
 The data are those of the virtual bench, which are fitted as they are, with one thing changed.
 """
@@ -82,7 +82,7 @@ EVERY = {
 
 @pytest.mark.parametrize("procedure", FILES)
 @pytest.mark.parametrize("what", EVERY)
-def test_what_every_procedure_refuses(procedure, what, bench, tmp_path):
+def test_every_procedure_rejects_malformed_measurements(procedure, what, bench, tmp_path):
     change, said = EVERY[what]
     done = calibrate(procedure, change(bench[procedure]), tmp_path)
     if what == "three lines" and done.exit_code == 0:
@@ -95,7 +95,7 @@ def test_what_every_procedure_refuses(procedure, what, bench, tmp_path):
 
 
 OWN = {
-    "the force turns with the hull": ("hull", lambda x: swap(x, 0, 1), "'rudder' and 'hull' are swapped"),
+    "rudder and hull swapped": ("hull", lambda x: swap(x, 0, 1), "'rudder' and 'hull' are swapped"),
     "force and speed swapped": ("thrust", lambda x: swap(x, 1, 2), "line 2, column 'force'.*order of the headings"),
     "forward and reverse swapped": (
         "reverse",
@@ -120,7 +120,7 @@ OWN = {
         lambda x: [x[0], *(line.rpartition(",")[0] + ",1" for line in x[1:])],
         "trial '1', line 242, column 'time'",
     ),
-    "a gauge at its end, in reverse": (
+    "saturated gauge in reverse": (
         "reverse",
         lambda x: alter(x, 2, lambda force: min(force, 0.4)),
         "column 'reverse' reads 0.4 each time",
@@ -135,7 +135,7 @@ OWN = {
 
 @pytest.mark.thorough("reference and gyro swapped")
 @pytest.mark.parametrize("what", OWN)
-def test_what_a_procedure_refuses(what, bench, tmp_path):
+def test_procedure_rejects_its_own_invalid_measurements(what, bench, tmp_path):
     procedure, change, said = OWN[what]
     done = calibrate(procedure, change(bench[procedure]), tmp_path)
     assert done.exit_code == 2, done.output
@@ -143,16 +143,16 @@ def test_what_a_procedure_refuses(what, bench, tmp_path):
 
 
 NAMED = {
-    "an angle that is off": ("rudder", lambda x: put(x, 8, 1, "12"), "left out: line 8, column 'angle'"),
-    "a force that is off": ("thrust", lambda x: put(x, 8, 2, "3"), "left out: line 8, column 'force'"),
-    "a slope that is off": ("inertia", lambda x: put(x, 8, 2, "9"), "left out: line 8, column 'slope'"),
+    "outlier in angle": ("rudder", lambda x: put(x, 8, 1, "12"), "left out: line 8, column 'angle'"),
+    "outlier in force": ("thrust", lambda x: put(x, 8, 2, "3"), "left out: line 8, column 'force'"),
+    "outlier in slope": ("inertia", lambda x: put(x, 8, 2, "9"), "left out: line 8, column 'slope'"),
     "one rudder angle": ("thrust", lambda x: x[:9], "the data has only rudder angles of -40°"),
-    "a packet that took long": ("link", lambda x: put(x, 8, 1, "3.6"), "sent at 0.6 s took 3.6 s"),
+    "delayed packet": ("link", lambda x: put(x, 8, 1, "3.6"), "sent at 0.6 s took 3.6 s"),
 }
 
 
 @pytest.mark.parametrize("what", NAMED)
-def test_what_is_fitted_and_named(what, bench, tmp_path):
+def test_doubtful_measurements_are_fitted_and_reported(what, bench, tmp_path):
     procedure, change, said = NAMED[what]
     done = calibrate(procedure, change(bench[procedure]), tmp_path)
     assert done.exit_code == 0, done.output
@@ -160,8 +160,8 @@ def test_what_is_fitted_and_named(what, bench, tmp_path):
 
 
 @pytest.mark.parametrize("procedure", FILES)
-def test_what_is_right_is_fitted(procedure, bench, tmp_path):
-    """Also below a comment, but for what a program records; nothing is left out of it, and nothing is wild."""
+def test_valid_measurements_are_fitted_without_remarks(procedure, bench, tmp_path):
+    """A comment above the data is accepted, except in a recording of `link`. No outlier is reported."""
     lines = bench[procedure] if procedure == "link" else ["# an afternoon", *bench[procedure]]
     done = calibrate(procedure, lines, tmp_path)
     assert done.exit_code == 0, done.output

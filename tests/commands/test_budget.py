@@ -1,4 +1,4 @@
-"""`trimtab budget`: what is printed, what is given as JSON, and what is refused before anything flies."""
+"""`trimtab budget`: table, JSON output, and invalid options, which are rejected before simulation."""
 
 import json
 
@@ -16,7 +16,7 @@ def call(*arguments):
 
 
 @pytest.mark.thorough
-def test_numbers_as_json_and_a_picture(tmp_path):
+def test_json_reports_costs_and_plot_is_written(tmp_path):
     picture = tmp_path / "made" / "budget.png"
     result = call(NAME, *FEW, "--plot", str(picture), "--json")
     assert result.exit_code == 0, result.output
@@ -33,7 +33,7 @@ def test_numbers_as_json_and_a_picture(tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_table_for_people(wide_screen):
+def test_table_names_imperfections_units_and_standard_error(wide_screen):
     result = call(NAME, *FEW)
     assert result.exit_code == 0, result.output
     for text in ("navigation-error alone", "yaw rate (rad/s)", "Reduction of the mean square error", "standard error"):
@@ -50,7 +50,7 @@ def test_a_table_for_people(wide_screen):
         (("--set", "world.vehicle.mass=-1"), ("world.vehicle.mass", "Fix")),
     ],
 )
-def test_refused_before_anything_flies(arguments, said):
+def test_invalid_options_are_rejected_before_simulation(arguments, said):
     result = call(NAME, *arguments)
     assert result.exit_code == 2
     for text in said:

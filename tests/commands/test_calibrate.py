@@ -1,4 +1,4 @@
-"""`trimtab calibrate noise`: a log written by `trimtab run`, or a CSV file, to the coefficients that made it."""
+"""`trimtab calibrate noise`: the noise coefficients of a simulated log or a CSV file are identified."""
 
 import json
 import math
@@ -31,13 +31,13 @@ def call(*words):
 
 @pytest.fixture(scope="module")
 def still():
-    """Twenty minutes at rest: the unit's samples only."""
+    """Log of 20 minutes at rest with the samples of the inertial unit only."""
     return simulate(scenario(), seed=1, duration=seconds(1200), signals=("sensors.imu",))
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Twenty seconds flown and written by the command."""
+    """Folder with a flight of 20 s, written by `trimtab run`."""
     out = tmp_path_factory.mktemp("still")
     done = call("run", "navigation/still", "--duration", "20", "--no-ideal", "--out", out)
     assert done.exit_code == 0, done.output
@@ -45,8 +45,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.thorough
-def test_every_sample_of_the_unit_is_in_the_log(still):
-    """Rows of 5 ms hold each sample of 6.5536 ms once or twice; none is missed but one after the last row."""
+def test_log_contains_every_sensor_sample(still):
+    """Rows every 5 ms hold each sample of 6.5536 ms once or twice; only a sample after the last row is missing."""
     found = samples(still, RATE)
     assert found.period == pytest.approx(0.0065536, rel=1e-12)
     assert (np.diff(found.ticks) == 65536).all()
@@ -54,8 +54,8 @@ def test_every_sample_of_the_unit_is_in_the_log(still):
 
 
 @pytest.mark.thorough
-def test_coefficients_lie_in_their_intervals(still):
-    """White noise and walk of each axis, and no flicker, as the unit has none; 95 % each, so 16 of 18 at least."""
+def test_true_coefficients_lie_in_confidence_intervals(still):
+    """White noise, walk and zero flicker of each axis. At 95 % confidence each, at least 16 of 18 must hold."""
     inside = []
     for path, N, K in ((RATE, GYRO_N, GYRO_K), (FORCE, FORCE_N, FORCE_K)):
         found = samples(still, path)
@@ -68,8 +68,8 @@ def test_coefficients_lie_in_their_intervals(still):
 
 
 @pytest.mark.thorough
-def test_a_calibration_holds_what_the_sensor_has(folder, tmp_path):
-    """What made the log is within three standard errors of the file; the walk can not be told, and that is said."""
+def test_calibration_file_contains_true_sensor_noise(folder, tmp_path):
+    """True values lie within three standard errors. The walk cannot be determined; the command reports this."""
     file = tmp_path / "boat.toml"
     done = call("calibrate", "noise", folder / "run.mcap", "--out", file)
     assert done.exit_code == 0, done.output
@@ -90,8 +90,8 @@ def test_a_calibration_holds_what_the_sensor_has(folder, tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_flight_has_the_noise_of_the_file_and_a_filter_of_another_step_is_refused(tmp_path):
-    """A gyro of three times the noise, at rest, in deg/s; flown again, its samples scatter by what was measured."""
+def test_flight_has_calibrated_noise_and_rejects_filter_with_other_step(tmp_path):
+    """A CSV of a gyro with three times the noise, in deg/s, sets the noise of a flight."""
     g, n = np.random.default_rng(2), 8192
     noisy = np.degrees(3 * GYRO_N / math.sqrt(0.01)) * g.standard_normal((n, 3))
     rows = "\n".join(f"{i * 0.01:.2f}," + ",".join(f"{v:.9g}" for v in row) for i, row in enumerate(noisy))
@@ -115,7 +115,7 @@ def test_a_flight_has_the_noise_of_the_file_and_a_filter_of_another_step_is_refu
 
 
 @pytest.mark.thorough
-def test_json_of_a_log_that_run_wrote(folder):
+def test_json_reports_noise_of_simulated_log(folder):
     done = call("calibrate", "noise", folder / "run.mcap", "--json")
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)["signals"]
@@ -131,7 +131,7 @@ def test_json_of_a_log_that_run_wrote(folder):
 
 
 @pytest.mark.thorough
-def test_table_and_picture(folder, tmp_path):
+def test_prints_table_and_writes_plot(folder, tmp_path):
     words = ("--signal", RATE, "--tick", "10 ms", "--plot", tmp_path / "noise.png")
     done = call("calibrate", "noise", folder / "run.mcap", *words)
     assert done.exit_code == 0, done.output
@@ -144,7 +144,7 @@ def test_table_and_picture(folder, tmp_path):
     assert found["entries"]["InertialNoise.gyro"]["value"] == pytest.approx(axis["white"]["value"] ** 2 / 0.01)
 
 
-def test_csv_of_another_logger(tmp_path):
+def test_reads_csv_of_another_logger(tmp_path):
     g, n, dt = np.random.default_rng(0), 8000, 0.01
     y = g.standard_normal(n) * GYRO_N / math.sqrt(dt)
     rows = "\n".join(f"{5 + i * dt:.4f},{v:.9g},21.5" for i, v in enumerate(y))
@@ -160,7 +160,7 @@ def test_csv_of_another_logger(tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_log_that_is_too_short_or_moves_or_has_gaps_is_refused(folder, tmp_path):
+def test_rejects_log_that_is_short_moving_or_has_gaps(folder, tmp_path):
     from trimtab.logs.log import Log
 
     log = read_mcap(folder / "run.mcap")
@@ -194,23 +194,23 @@ REFUSED = {
     "a step of zero": (("LOG", "--tick", "0"), "--tick: must be above 0, got '0'"),
     "a step backwards": (("LOG", "--tick", "-5ms"), "--tick '5 ms'"),
     "averages below zero": (("LOG", "--shortest", "-1"), "--shortest: must be at least 0, got '-1'"),
-    "no file, what writes one": (("nowhere.mcap",), "trimtab run SCENARIO --out DIR"),
-    "no such signal, what is": (("LOG", "--signal", "nope"), "Fix: --signal sensors.imu.value."),
+    "no file, command that writes one": (("nowhere.mcap",), "trimtab run SCENARIO --out DIR"),
+    "no such signal, existing signals": (("LOG", "--signal", "nope"), "Fix: --signal sensors.imu.value."),
     "not a calibration": (("LOG", "--out", "folder"), "Fix: --out folder.toml"),
     "not a picture": (("LOG", "--plot", "a.txt"), "supported picture format"),
 }
 
 
 @pytest.mark.thorough(
-    "no file, what writes one",
-    "no such signal, what is",
+    "no file, command that writes one",
+    "no such signal, existing signals",
     "averages below zero",
     "a step backwards",
     "not a picture",
     "a flag",
 )
 @pytest.mark.parametrize("name", REFUSED)
-def test_refused(folder, name):
+def test_invalid_arguments_are_rejected(folder, name):
     words, wanted = REFUSED[name]
     done = call("calibrate", "noise", *(folder / "run.mcap" if w == "LOG" else w for w in words))
     assert done.exit_code == 2
@@ -219,12 +219,12 @@ def test_refused(folder, name):
 
 
 @pytest.mark.thorough
-def test_nothing_in_the_still_scenario_moves():
+def test_still_scenario_has_no_motion():
     log = simulate(replace(scenario(), duration=ms(500)), signals=("truth", "actuators"))
     assert all(not log[p].any() for p in log.paths)
 
 
-def test_gaps_and_columns_of_text_in_the_csv_of_another_logger(tmp_path):
+def test_csv_gaps_and_text_columns_are_reported(tmp_path):
     """One sample of 3000 is lost, one column is text: both are reported."""
     g = np.random.default_rng(1).standard_normal((3000, 3)) * 1e-3
     rows = [f"{10**9 + 5000 * i},{v[0]:.9f},{v[1]:.9f},{v[2]:.9f},AUTO" for i, v in enumerate(g) if i != 1000]
@@ -245,7 +245,7 @@ def test_gaps_and_columns_of_text_in_the_csv_of_another_logger(tmp_path):
     assert "line 2, column 'mode'" in asked.output
 
 
-def test_columns_without_an_axis_have_no_place_and_two_of_one_axis_are_refused(tmp_path):
+def test_rejects_csv_columns_without_axis_or_with_duplicate_axis(tmp_path):
     g = np.random.default_rng(0).standard_normal((2048, 2))
     rows = "\n".join(f"{i * 0.01:.2f},{a:.6f},{b:.6f}" for i, (a, b) in enumerate(g))
     file = tmp_path / "a.csv"

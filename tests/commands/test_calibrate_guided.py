@@ -1,4 +1,4 @@
-"""The guided bench: each entry is checked as it is typed, saved at once, and gone on from."""
+"""`trimtab calibrate measure`: each entry is checked, saved at once, and continued later."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ def walk(file: Path, procedure: str, *entries: str) -> str:
     return result.output
 
 
-def test_it_checks_saves_and_goes_on(tmp_path: Path) -> None:
+def test_guided_entry_is_checked_saved_and_continued(tmp_path: Path) -> None:
     file = tmp_path / "reverse.csv"
     shown = walk(file, "reverse", "0,4", "0.4", "400", "0.1", "q")
     assert "'0,4' is not a number: write 0.4" in shown
@@ -26,14 +26,14 @@ def test_it_checks_saves_and_goes_on(tmp_path: Path) -> None:
     assert file.read_text().splitlines()[1:] == ["6000,0.4,0.1,1", "7000,0.5,0.16,1"]
 
 
-def test_what_falls_where_it_should_rise_is_asked_again(tmp_path: Path) -> None:
+def test_implausible_entry_is_asked_again(tmp_path: Path) -> None:
     file = tmp_path / "reverse.csv"
     shown = walk(file, "reverse", "0.4", "0.30", "0.5", "0.05", "n", "0.5", "0.35", "q")
     assert "far from the readings at neighbouring settings" in shown
     assert file.read_text().splitlines()[-1] == "7000,0.5,0.35,1"
 
 
-def test_what_is_measured_is_calibrated(tmp_path: Path) -> None:
+def test_guided_measurements_can_be_calibrated(tmp_path: Path) -> None:
     file = tmp_path / "trials.csv"
     entries = [e for k in range(6) for e in ("1.1", f"{(0.94 + 0.003 * k) * (1 if k % 2 == 0 else -1.2):.4f}")]
     shown = walk(file, "inertia", *entries)
@@ -42,7 +42,7 @@ def test_what_is_measured_is_calibrated(tmp_path: Path) -> None:
     assert found.exit_code == 0, found.output
 
 
-def test_another_s_file_is_left_alone(tmp_path: Path) -> None:
+def test_file_of_another_format_is_not_overwritten(tmp_path: Path) -> None:
     file = tmp_path / "other.csv"
     file.write_text("a,b\n1,2\n")
     result = CliRunner().invoke(main, ["calibrate", "measure", "thrust", str(file)])

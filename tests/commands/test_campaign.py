@@ -1,4 +1,4 @@
-"""`trimtab campaign` as it is typed: table, JSON, exit codes, a store, a run once more."""
+"""`trimtab campaign`: table, JSON, exit codes, the store, and the rerun of one run."""
 
 import json
 import re
@@ -37,7 +37,7 @@ def kept(tmp_path_factory):
 
 
 @pytest.mark.thorough
-def test_json_says_what_came_of_it(kept):
+def test_json_reports_runs_success_share_and_metrics(kept):
     _, result = kept
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
@@ -48,7 +48,7 @@ def test_json_says_what_came_of_it(kept):
 
 
 @pytest.mark.thorough
-def test_a_folder_gets_the_table_and_its_pictures(kept):
+def test_out_folder_contains_table_and_pictures(kept):
     folder, _ = kept
     found = json.loads(typed("--store", str(folder / "a.zarr"), "--out", str(folder / "pictures"), "--json").stdout)
     names = {f.name for f in (folder / "pictures").iterdir()}
@@ -59,14 +59,14 @@ def test_a_folder_gets_the_table_and_its_pictures(kept):
 
 
 @pytest.mark.thorough
-def test_the_same_command_again_flies_nothing_and_says_the_same(kept):
+def test_repeated_command_reuses_store_and_reports_same_result(kept):
     folder, result = kept
     again = json.loads(typed("--store", str(folder / "a.zarr"), "--json").stdout)
     assert again["flown"] == 0
     assert again["success"] == json.loads(result.stdout)["success"]
 
 
-def test_what_a_large_store_takes_is_said_while_it_is_written(tmp_path, monkeypatch):
+def test_large_store_size_is_reported_while_writing(tmp_path, monkeypatch):
     monkeypatch.setattr("trimtab.commands.progress.LARGE", 1000)
     shown, folder = typed("--store", str(tmp_path / "a.zarr")), tmp_path / "a.zarr"
     assert shown.exit_code == 0, shown.output
@@ -76,7 +76,7 @@ def test_what_a_large_store_takes_is_said_while_it_is_written(tmp_path, monkeypa
 
 
 @pytest.mark.thorough
-def test_a_run_once_more_is_equal_to_its_row(kept):
+def test_rerun_equals_stored_run_bit_for_bit(kept):
     folder, _ = kept
     once = typed("--store", str(folder / "a.zarr"), "--rerun", "41", "--out", str(folder / "41"))
     assert once.exit_code == 0, once.output
@@ -94,7 +94,7 @@ def test_requirements_decide_the_exit_code(kept):
     assert "not met" in refused.stdout
 
 
-def test_the_table_names_what_failed_and_how_to_see_it(kept):
+def test_table_lists_failed_runs_and_rerun_command(kept):
     folder, result = kept
     shown = typed("--store", str(folder / "a.zarr")).stdout
     failed = json.loads(result.stdout)["failed"]
@@ -104,7 +104,7 @@ def test_the_table_names_what_failed_and_how_to_see_it(kept):
 
 
 @pytest.mark.parametrize("typed_out", ["--out camp", "--out=camp"])
-def test_drops_the_folder_from_the_rerun_command(typed_out):
+def test_rerun_command_omits_out_folder(typed_out):
     command = f"trimtab campaign a/b --runs 5 {typed_out} --spread 'm=uniform(80%, 120%)'"
     assert drop_option(command, "--out") == "trimtab campaign a/b --runs 5 --spread 'm=uniform(80%, 120%)'"
     assert drop_option("trimtab campaign a/b", "--out") == "trimtab campaign a/b"
@@ -124,14 +124,14 @@ def test_drops_the_folder_from_the_rerun_command(typed_out):
         (["--cluster", "tcp://10.0.0.1:8786"], "tls://"),
     ],
 )
-def test_what_is_refused_says_what_to_type(words, problem):
+def test_invalid_options_are_rejected_with_fix(words, problem):
     result = typed(*words)
     assert result.exit_code == 2, result.output
     assert problem in result.stderr
     assert "Fix:" in result.stderr
 
 
-def test_a_store_of_another_campaign_is_refused(kept):
+def test_rejects_store_of_another_campaign(kept):
     folder, _ = kept
     other = typed("--store", str(folder / "a.zarr"), "--spread", "autopilot.law.k2=normal(100%, 5%)")
     assert other.exit_code == 2
@@ -139,8 +139,8 @@ def test_a_store_of_another_campaign_is_refused(kept):
 
 
 @pytest.mark.thorough
-def test_a_run_by_its_number_is_that_of_simulate():
-    """`trimtab run --run`, with which a world that a search found is flown again."""
+def test_run_option_flies_same_run_as_simulate():
+    """`trimtab run --run` repeats a run that a search found."""
     asked = ["run", SCENARIO, "--seed", "3", "--run", "5", "--duration", "4 s", "--no-ideal", "--json"]
     found = json.loads(CliRunner().invoke(main, asked).stdout)
     log = simulate(build(SCENARIO, {"duration": "4"}), seed=3, run=5)

@@ -1,4 +1,4 @@
-"""`trimtab convert`: a flight as a bag of ROS 2, read back by another library, and as a recording for Rerun."""
+"""`trimtab convert`: a flight as a ROS 2 bag, read back by another library, and as a Rerun recording."""
 
 import importlib.util
 import json
@@ -37,12 +37,12 @@ def fly(folder, *words):
     return folder / "craft" / "run.mcap"
 
 
-def test_rows_are_a_period_apart():
+def test_chosen_rows_are_one_period_apart():
     assert choose_rows(np.array([0, 1, 5, 6, 11, 30]) * ms(1), ms(5)).tolist() == [0, 2, 4, 5]
 
 
 @pytest.mark.thorough
-def test_a_bag_has_what_the_log_has_as_another_library_reads_it(flight, tmp_path):
+def test_ros2_bag_matches_log_when_read_by_another_library(flight, tmp_path):
     done = call("convert", flight, "--as", "ros2", "--out", tmp_path / "bag", "--json")
     assert done.exit_code == 0, done.output
     said = json.loads(done.stdout)["messages"]
@@ -76,7 +76,7 @@ def test_a_bag_has_what_the_log_has_as_another_library_reads_it(flight, tmp_path
 
 
 @pytest.mark.thorough
-def test_imus_are_told_as_they_measured(tmp_path):
+def test_bag_contains_imu_samples_as_measured(tmp_path):
     flight = fly(tmp_path, "hovercraft/forward", "--navigation", "ins")
     assert call("convert", flight, "--as", "ros2", "--out", tmp_path / "bag").exit_code == 0
     log = read_mcap(flight)
@@ -97,7 +97,7 @@ def test_imus_are_told_as_they_measured(tmp_path):
 
 
 @pytest.mark.thorough
-def test_what_can_not_be_converted_is_refused_in_words(flight, tmp_path):
+def test_rejects_existing_bag_and_wrong_file_suffix(flight, tmp_path):
     (tmp_path / "bag").mkdir()
     refused = call("convert", flight, "--as", "ros2", "--out", tmp_path / "bag")
     assert refused.exit_code == 2
@@ -109,7 +109,7 @@ def test_what_can_not_be_converted_is_refused_in_words(flight, tmp_path):
 
 if HAS_RERUN:
 
-    def test_a_recording_has_the_body_and_every_number(flight, tmp_path):
+    def test_rerun_recording_contains_body_and_all_signals(flight, tmp_path):
         from rerun.chunk import RrdReader
 
         file = tmp_path / "flight.rrd"
@@ -130,7 +130,7 @@ if HAS_RERUN:
 
 else:
 
-    def test_without_the_package_it_says_what_to_type(flight, tmp_path):
+    def test_missing_rerun_package_is_reported_with_install_command(flight, tmp_path):
         refused = call("convert", flight, "--as", "rerun", "--out", tmp_path / "flight.rrd")
         assert refused.exit_code == 2
         assert 'pip install "trimtab[rerun]"' in refused.stderr

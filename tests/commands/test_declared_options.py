@@ -1,4 +1,4 @@
-"""Options read from a verb's file: those of the imported verb, and a typo without an import of JAX."""
+"""Options parsed from a verb's source file equal those of the imported verb, so a typo is reported without JAX."""
 
 import subprocess
 import sys
@@ -48,7 +48,7 @@ def parse(verb, words):
 
 @pytest.mark.thorough("campaign", "falsify", "map", "tune", "fly", "export", "budget", "rare")
 @pytest.mark.parametrize("verb", READ)
-def test_reads_the_options_of_the_imported_verb(verb):
+def test_parsed_options_equal_those_of_imported_verb(verb):
     read = declared_options._read_command(find_file(verb), verb, "")
     own = main.get_command(click.Context(main), verb)
     assert [(p.name, p.opts, p.secondary_opts) for p in read.params] == [
@@ -63,34 +63,34 @@ def test_every_verb_accepts_help(verb):
     assert parse(verb, ["--help"]) in ([], None)
 
 
-def test_finds_the_words_that_are_not_options():
+def test_parse_returns_arguments_that_are_not_options():
     words = ["--seed", "3", "hovercraft/spin", "--no-ideal", "--set", "a=b"]
     assert parse("run", words) == ["hovercraft/spin"]
 
 
-def test_a_group_is_left_to_its_import():
+def test_command_group_is_not_parsed_before_import():
     assert parse("calibrate", ["--nothing"]) is None
 
 
 @pytest.mark.parametrize("words", [["hovercraft/spin", "--plto", "a.png"], ["hovercraft/spin", "--plot"]])
-def test_refuses_unknown_options_and_lacking_values(words):
+def test_rejects_unknown_options_and_missing_values(words):
     with pytest.raises(click.UsageError):
         parse("run", words)
 
 
-def test_a_typo_is_reported_without_jax(tmp_path):
+def test_typo_is_reported_without_importing_jax(tmp_path):
     (tmp_path / "mine.py").write_text("")
     done = subprocess.run([sys.executable, "-c", ANSWERS, *TYPOS], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(("typed", "number"), [("1e4", 10_000), ("20", 20), ("5.0", 5)])
-def test_a_count_may_be_typed_as_a_power_of_ten(typed, number):
+def test_count_accepts_power_of_ten_notation(typed, number):
     assert options.Count(1, options.MOST_RUNS).convert(typed, None, None) == number
 
 
 @pytest.mark.parametrize("typed", ["5e9", "many", "2.5", "0", "nan", "inf"])
-def test_a_count_out_of_range_is_refused_in_words(typed):
+def test_count_out_of_range_is_rejected_with_message(typed):
     with pytest.raises(InputError, match=f"must be a whole number from 1 to 10000000, got {typed}"):
         options.Count(1, options.MOST_RUNS).convert(typed, None, None)
 
@@ -106,6 +106,6 @@ def test_a_count_out_of_range_is_refused_in_words(typed):
         ("map", ["hovercraft/spin", "--depth", "3"]),
     ],
 )
-def test_valid_values_are_left_to_the_verb(verb, words):
-    """Choices that a verb imports are unknown here."""
+def test_values_of_choices_are_validated_by_the_verb(verb, words):
+    """Choices that a verb imports are unknown to the parser."""
     assert parse(verb, words) == words[:1]

@@ -1,4 +1,4 @@
-"""`trimtab design`: designed, written, proved again without solver, and refused where it was changed."""
+"""`trimtab design`: a gain is designed, written, and proved without a solver; a modified gain is rejected."""
 
 import json
 import os
@@ -26,7 +26,7 @@ def file(tmp_path_factory):
 
 
 @pytest.mark.thorough
-def test_designed_and_proved(file):
+def test_designed_gain_is_proved(file):
     done = call("--check", file)
     assert done.exit_code == 0, done.output
     assert ": proved" in done.output
@@ -38,7 +38,7 @@ def test_designed_and_proved(file):
 
 
 @pytest.mark.thorough
-def test_a_changed_file_fails_with_the_number(file, tmp_path):
+def test_modified_file_fails_proof_and_reports_number(file, tmp_path):
     content = json.loads(file.read_text())
     content["K"][0][4] *= -1
     bad = tmp_path / "bad.json"
@@ -53,7 +53,7 @@ def test_a_changed_file_fails_with_the_number(file, tmp_path):
 
 
 @pytest.mark.thorough
-def test_compared_with_the_system_it_names(file, tmp_path):
+def test_certificate_is_checked_against_named_system(file, tmp_path):
     for words in (("--check", file), ("hypersonic", "--check", file)):
         done = call(*words, "--json")
         assert done.exit_code == 0, done.output
@@ -68,7 +68,7 @@ def test_compared_with_the_system_it_names(file, tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_setting_and_another_place(tmp_path):
+def test_design_applies_settings_at_another_operating_point(tmp_path):
     made = tmp_path / "gain.json"
     done = call("hypersonic", "--set", "h_ft=90000", "--set", "uncertainty=0.5", "--out", made, "--json")
     assert done.exit_code == 0, done.output
@@ -89,7 +89,7 @@ def certified_system(*, method: str = "lqr", beam_m: float = 1.0):
 
 @pytest.mark.thorough("my_ball/_design.py")
 @pytest.mark.parametrize("place", ["my_ball.py", "my_ball/_design.py"])
-def test_a_system_of_your_own(place, tmp_path):
+def test_designs_for_user_defined_system(place, tmp_path):
     own, made = tmp_path / place, tmp_path / "gain.json"
     own.parent.mkdir(exist_ok=True)
     own.write_text(OWN)
@@ -111,7 +111,7 @@ def test_a_system_of_your_own(place, tmp_path):
 
 
 @pytest.mark.thorough
-def test_the_proof_needs_no_solver(file):
+def test_proof_does_not_import_solver(file):
     text = (
         "import sys; from click.testing import CliRunner; from trimtab.cli import main\n"
         f"done = CliRunner().invoke(main, ['design', '--check', {str(file)!r}])\n"
@@ -139,7 +139,7 @@ def test_the_proof_needs_no_solver(file):
         (("examples/my_boat.py",), "design examples/my_boat.py --lqr"),
     ],
 )
-def test_refused_with_the_fix(words, problem):
+def test_invalid_arguments_are_rejected_with_fix(words, problem):
     done = call(*words)
     assert done.exit_code == 2
     assert problem in done.output

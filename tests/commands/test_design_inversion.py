@@ -1,4 +1,4 @@
-"""`trimtab design --inversion`: the course as data, and refusals that say what to type."""
+"""`trimtab design --inversion`: the trajectory as data, and invalid arguments."""
 
 import json
 
@@ -16,7 +16,7 @@ def call(*words):
 
 
 @pytest.mark.thorough
-def test_a_cart_goes_where_it_is_told_and_the_pole_leans_before(tmp_path):
+def test_inverted_pendulum_leans_before_cart_moves_to_target(tmp_path):
     file, picture = tmp_path / "course.json", tmp_path / "course.png"
     words = ("--inversion", "--output", "position", "--to", "50 cm", "--in", "2", "--out", file, "--plot", picture)
     done = call(CART, *words)
@@ -38,8 +38,8 @@ def test_a_cart_goes_where_it_is_told_and_the_pole_leans_before(tmp_path):
 
 
 @pytest.mark.thorough
-def test_an_f16_climbs_by_its_elevator_and_its_places_go_on(tmp_path):
-    """North, east and heading are integrals; the elevator moves before the altitude does, and it is a motion of it."""
+def test_inversion_of_f16_climb_uses_elevator_and_integrates_position(tmp_path):
+    """North, east and heading are integrals. The elevator moves before the altitude does."""
     file = tmp_path / "climb.json"
     words = ("--inversion", "--input", "elevator", "--output", "altitude", "--to", "330 m", "--in", "4", "--out", file)
     done = call("f16/gcas", *words)
@@ -77,7 +77,7 @@ def test_an_f16_climbs_by_its_elevator_and_its_places_go_on(tmp_path):
         ((CART, "--inversion", "--limit", "force=1"), "leave --limit out"),
     ],
 )
-def test_refusals_say_what_to_type(words, wanted):
+def test_invalid_arguments_are_rejected_with_command_to_type(words, wanted):
     done = call(*words)
     assert done.exit_code == 2, done.output
     assert wanted in " ".join(done.output.split()), done.output

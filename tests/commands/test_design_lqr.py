@@ -1,4 +1,4 @@
-"""`trimtab design VEHICLE --lqr`: a gain by limits, its proof, the same again from its file, and what it believes."""
+"""`trimtab design VEHICLE --lqr`: a gain from limits, its proof, the proof from its file, and assumed parameters."""
 
 import json
 
@@ -33,13 +33,13 @@ def file(tmp_path_factory):
 
 
 @pytest.mark.thorough
-def test_a_gain_is_proved_and_proved_again(file):
+def test_lqr_gain_is_proved_again_from_its_file(file):
     done = call(CART, "--lqr", "--check", file)
     assert done.exit_code == 0, done.output
     assert "23 of 23 conditions proved exactly" in done.output
 
 
-def test_a_gain_that_was_changed_is_not(file, tmp_path):
+def test_modified_gain_fails_the_proof(file, tmp_path):
     certificate, _ = read_certificate(file)
     wrong = tmp_path / "wrong.json"
     wrong.write_text(certificate_json(certificate._replace(K=certificate.K * [[1, 1, 0, 1, 1]])), encoding="utf-8")
@@ -49,14 +49,14 @@ def test_a_gain_that_was_changed_is_not(file, tmp_path):
 
 
 @pytest.mark.thorough
-def test_the_vehicle_as_it_is_believed_makes_another_gain():
+def test_assumed_parameter_changes_the_gain():
     own, heavy = data(CART, "--lqr", *WORDS), data(CART, "--lqr", *WORDS, "--assume", "bob=0.5")
     assert heavy["about"]["assume"] == "bob=0.5"
     assert not np.allclose(own["K"], heavy["K"], rtol=1e-3)
 
 
 @pytest.mark.thorough
-def test_refusals():
+def test_invalid_arguments_are_rejected():
     for words, wanted in (
         ((CART, "--lqr"), "--limit force=NUMBER"),
         ((CART, "--lqr", "--limit", "force=5", "--limit", "leen=1"), "no such state"),

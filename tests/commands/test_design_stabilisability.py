@@ -1,4 +1,4 @@
-"""`trimtab design VEHICLE --stabilisability`: verdicts on a vehicle of the package and on files of one's own."""
+"""`trimtab design VEHICLE --stabilisability`: verdicts on vehicles of the package and on user files."""
 
 import json
 
@@ -49,7 +49,7 @@ def verdicts(*words):
 
 
 @pytest.mark.thorough
-def test_the_hovercraft_is_excluded_by_both_and_can_be_driven_everywhere():
+def test_hovercraft_fails_both_conditions_but_is_accessible():
     found = verdicts("hovercraft")
     assert found["is_excluded"]
     assert found["brockett"]["is_excluded"]
@@ -62,14 +62,14 @@ def test_the_hovercraft_is_excluded_by_both_and_can_be_driven_everywhere():
 
 
 @pytest.mark.thorough
-def test_a_file_of_ones_own_without_the_third(own):
+def test_user_file_without_yaw_actuator_is_excluded(own):
     text = call(f"{own}:tail").output
     for word in ("EXCLUDED", "[FY, [f, FX]]", "6 of 6 directions", "2 independent inputs for 3 states", "Sussmann"):
         assert word in text
 
 
 @pytest.mark.thorough
-def test_with_all_axes_actuated_nothing_is_excluded(own):
+def test_fully_actuated_vehicle_is_not_excluded(own):
     found = verdicts(own)
     assert not found["is_excluded"]
     assert not found["brockett"]["is_excluded"]
@@ -80,7 +80,7 @@ def test_with_all_axes_actuated_nothing_is_excluded(own):
 
 
 @pytest.mark.thorough
-def test_the_hypersonic_vehicle_passes():
+def test_hypersonic_vehicle_is_not_excluded():
     found = verdicts("hypersonic")
     assert not found["is_excluded"]
     assert found["byrnes_isidori"] is None
@@ -88,7 +88,7 @@ def test_the_hypersonic_vehicle_passes():
     assert found["accessibility"]["is_linear"]
 
 
-def test_refusals_say_what_to_type(own):
+def test_invalid_arguments_are_rejected_with_command_to_type(own):
     for words, wanted in (
         ((), "trimtab design hovercraft --stabilisability"),
         (("hoverkraft",), "trimtab design hovercraft --stabilisability"),

@@ -56,27 +56,27 @@ def start_command(does, begin=BEGIN, before=()):
         (signal.SIGHUP, 129, "stopped by SIGHUP"),
     ],
 )
-def test_a_signal_ends_a_command_in_order(number, code, said):
+def test_signal_ends_command_with_exit_code_and_message(number, code, said):
     process = start_command("time.sleep(600)")
     process.send_signal(number)
     _, text = process.communicate()
     assert (process.returncode, text.strip()) == (code, said)
 
 
-def test_a_dropped_interrupt_is_repeated():
+def test_interrupt_dropped_by_python_is_repeated():
     _, text = (process := start_command("drop()")).communicate()
     assert (process.returncode, text.strip()) == (130, "stopped by Ctrl-C")
 
 
 @pytest.mark.parametrize(("number", "code", "said"), [(signal.SIGINT, 130, "Ctrl-C"), (signal.SIGTERM, 143, "SIGTERM")])
-def test_a_signal_ends_native_code(number, code, said):
+def test_signal_ends_running_native_code(number, code, said):
     process = start_command("compute()")
     process.send_signal(number)
     _, text = process.communicate()
     assert (process.returncode, text.strip()) == (code, f"stopped by {said}")
 
 
-def test_a_second_thread_does_not_delay_the_end():
+def test_busy_second_thread_does_not_delay_exit():
     does = "import threading; threading.Thread(target=compute).start(); time.sleep(600)"
     process = start_command(does)
     process.send_signal(signal.SIGINT)
@@ -84,7 +84,7 @@ def test_a_second_thread_does_not_delay_the_end():
     assert (process.returncode, text.strip()) == (130, "stopped by Ctrl-C")
 
 
-def test_a_lost_terminal_is_ignored_under_nohup():
+def test_hangup_is_ignored_under_nohup():
     process = start_command("time.sleep(600)", begin="", before=("nohup",))
     process.send_signal(signal.SIGHUP)
     with pytest.raises(subprocess.TimeoutExpired):

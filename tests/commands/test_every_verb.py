@@ -1,7 +1,7 @@
-"""Every verb that a scenario passes through, as somebody types them, one after the other.
+"""Every verb, run on each scenario by command line.
 
-A scenario is added by a line of `SCENARIOS`. Numbers are few: it is asked whether a verb goes through and says
-something that counts, not what; that is asked by each verb's own tests.
+A line in `SCENARIOS` adds a scenario. These tests check that a verb succeeds and prints a result. Each verb's own tests
+check the numbers.
 """
 
 import json
@@ -143,7 +143,7 @@ SCENARIOS = {
 
 
 def call(*words: str, codes: tuple[int, ...] = (0,)) -> str:
-    """What a command prints; it has to end well, or with one of other exit codes."""
+    """Return what a command prints. Its exit code must be 0 or one of the others given."""
     done = CliRunner().invoke(main, list(words))
     assert done.exit_code in codes, done.output
     return done.stdout or done.output
@@ -221,7 +221,7 @@ def own(name: str) -> tuple[str, ...]:
 
 
 def do_fly(name: str, walk: Walk, folder: Path) -> None:
-    """Vehicle and autopilot as two processes over UDP, in wall-clock time; then the flight's log once more."""
+    """Fly vehicle and autopilot as two processes over UDP, in wall-clock time; then replay the flight's log."""
     port = free_port(socket.SOCK_DGRAM)
     ends = (f"udp://127.0.0.1:{port}", f"udp://127.0.0.1:{port}")
     there, here = fly_pair(folder, name, *ends, "--unsigned", "--duration", "2", *common(name, walk, folder))
@@ -258,7 +258,7 @@ def do_rare(name: str, walk: Walk, folder: Path) -> None:
 
 
 def do_identify(name: str, walk: Walk, folder: Path) -> None:
-    """From a flight's log the number with which it flew, though another is in the scenario."""
+    """Identify from a flight's log the parameter with which it flew, though the scenario has another value."""
     call("run", name, "--set", walk.measured, "--no-ideal", "--out", str(folder))
     path, _, number = walk.measured.partition("=")
     found = json.loads(call("identify", name, str(folder / "run.mcap"), "--fit", path, "--json"))
@@ -266,7 +266,7 @@ def do_identify(name: str, walk: Walk, folder: Path) -> None:
 
 
 def do_design(name: str, walk: Walk, folder: Path) -> None:
-    """Trim, poles and a gain of the vehicle alone; poles of the loop."""
+    """Compute trim, poles and a gain of the vehicle, and the poles of the loop."""
     file, point = name.partition(":")[0], ("--at", walk.at)
     assert json.loads(call("trim", file, *point, "--json"))
     assert json.loads(call("linearise", file, *point, "--json"))
@@ -314,7 +314,7 @@ def iter_until(lines: IO[str], words: str) -> Iterator[str]:
 
 
 def find_cookie(address: str) -> str:
-    """What a browser gets for the token."""
+    """Return the cookie that a browser gets for the token."""
 
     class Stay(urllib.request.HTTPRedirectHandler):
         def redirect_request(self, *args: object) -> None:
@@ -350,5 +350,5 @@ CASES = [
 
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize(("scenario", "verb"), CASES)
-def test_a_scenario_passes(scenario: str, verb: str, tmp_path: Path) -> None:
+def test_every_verb_works_on_each_scenario(scenario: str, verb: str, tmp_path: Path) -> None:
     VERBS[verb](scenario.partition(",")[0], SCENARIOS[scenario], tmp_path)

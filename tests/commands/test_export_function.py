@@ -35,7 +35,7 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def test_examples_are_defaults_or_named(file: Path) -> None:
+def test_example_arguments_come_from_defaults_or_example_attribute(file: Path) -> None:
     found = find_function(f"{file}:by_default")
     assert found is not None
     assert found[1][0] == 0.1
@@ -46,13 +46,13 @@ def test_examples_are_defaults_or_named(file: Path) -> None:
     assert find_function("hovercraft/spin") is None
 
 
-def test_a_default_of_none_is_no_number(tmp_path: Path) -> None:
+def test_function_with_default_none_is_not_exportable(tmp_path: Path) -> None:
     path = tmp_path / "own_scenario.py"
     path.write_text("def scenario(assumed=None):\n    return assumed\n")
     assert find_function(f"{path}:scenario") is None
 
 
-def test_an_example_that_is_no_tuple_is_refused(tmp_path: Path) -> None:
+def test_rejects_example_that_is_not_a_tuple(tmp_path: Path) -> None:
     path = tmp_path / "own_wrong.py"
     path.write_text("example = 3.0\ndef f(x):\n    return x\n")
     with pytest.raises(InputError, match="not a tuple"):
@@ -60,7 +60,7 @@ def test_an_example_that_is_no_tuple_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_any_function_is_written_and_verified(file: Path, tmp_path: Path) -> None:
+def test_exported_function_is_verified(file: Path, tmp_path: Path) -> None:
     out = tmp_path / "c"
     command = [sys.executable, "-m", "trimtab", "export"]
     done = subprocess.run([*command, f"{file}:by_default", "--out", str(out), "--json"], capture_output=True, text=True)
@@ -72,7 +72,7 @@ def test_any_function_is_written_and_verified(file: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.thorough
-def test_a_function_without_an_example_is_refused_with_what_to_write(tmp_path: Path) -> None:
+def test_rejects_function_without_example_and_suggests_one(tmp_path: Path) -> None:
     path = tmp_path / "own_bare.py"
     path.write_text("def f(x):\n    return x\n")
     command = [sys.executable, "-m", "trimtab", "export", f"{path}:f", "--out", str(tmp_path / "c")]

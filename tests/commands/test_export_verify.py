@@ -1,4 +1,4 @@
-"""`trimtab export --verify`: what is typed beside it is heeded or refused, and never left out silently."""
+"""`trimtab export --verify`: other options are applied or rejected, never ignored."""
 
 import json
 import shutil
@@ -20,7 +20,7 @@ def call(*words):
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """A folder, and what was said when it was written."""
+    """An exported folder, and the JSON result of its export."""
     out = tmp_path_factory.mktemp("export") / "c"
     done = call(NAME, "--out", out, "--steps", 200, "--json")
     assert done.exit_code == 0, done.output
@@ -32,7 +32,7 @@ def folder(written):
     return written[0]
 
 
-def test_export_writes_a_folder_and_checks_it(written, tmp_path):
+def test_exported_folder_verifies_and_changed_source_fails(written, tmp_path):
     folder, result = written
     assert (result["part"], result["real"]) == ("autopilot", "double")
     assert any(f.endswith("autopilot.c") for f in result["files"])
@@ -49,14 +49,14 @@ def test_export_writes_a_folder_and_checks_it(written, tmp_path):
 @pytest.mark.parametrize(
     "more", [(NAME,), ("--float", "single"), ("--fly",), ("--part", "loop"), ("--out", "x"), ("--steps", "5")]
 )
-def test_what_says_how_to_write_is_refused(more, folder):
+def test_verify_rejects_options_for_writing(more, folder):
     done = call("--verify", folder, *more)
     assert done.exit_code != 0
     word = "a scenario" if more[0] == NAME else more[0]
     assert f"{word} is only for writing" in (done.output + str(done.exception))
 
 
-def test_a_folder_that_is_for_no_board_is_refused_on_one(folder, tmp_path):
+def test_rejects_board_target_for_folder_not_exported_for_a_board(folder, tmp_path):
     other = tmp_path / "elsewhere"
     shutil.copytree(folder, other)
     (other / "autopilot.c").rename(other / "other.c")
@@ -67,7 +67,7 @@ def test_a_folder_that_is_for_no_board_is_refused_on_one(folder, tmp_path):
 
 @pytest.mark.thorough
 @needs_board
-def test_the_vectors_are_flown_on_the_board_that_is_the_target(folder):
+def test_test_vectors_run_on_target_board(folder):
     plain = json.loads(call("--verify", folder, "--json").output)
     assert "board" not in plain
     there = json.loads(call("--verify", folder, "--target", "cortex-m7", "--json").output)
@@ -78,7 +78,7 @@ def test_the_vectors_are_flown_on_the_board_that_is_the_target(folder):
 
 @pytest.mark.thorough
 @needs_board
-def test_a_difference_on_the_board_is_a_failure(folder, tmp_path):
+def test_difference_on_board_fails_verification(folder, tmp_path):
     wrong = tmp_path / "wrong"
     shutil.copytree(folder, wrong)
     lines = (wrong / "vectors.csv").read_text().splitlines()

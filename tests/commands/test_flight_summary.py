@@ -1,4 +1,4 @@
-"""What `trimtab run` says of targets that are set on other signals than the truth."""
+"""The summary of a flight that `trimtab run` prints: metrics, flags, monitors and targets."""
 
 import re
 
@@ -14,7 +14,7 @@ from trimtab.logs.metrics import Target
 T = np.arange(0, ms(1000), ms(10))
 
 
-def test_a_target_on_a_signal_of_the_law_is_shown_with_its_path():
+def test_target_on_law_signal_is_shown_with_full_path():
     error = np.exp(-5 * to_seconds(T))
     log = Log(t=to_seconds(T), ticks=T, signals={"truth.h": 10 + error, "law.h_error": error}, final={"truth.h": 10.0})
     found = summarise_run(log, [Target("law.h_error", 0.0, 0.1)])
@@ -24,14 +24,14 @@ def test_a_target_on_a_signal_of_the_law_is_shown_with_its_path():
     assert found["final"] == {"h": 10.0, "law.h_error": pytest.approx(error[-1])}
 
 
-def test_a_target_on_the_truth_is_shown_by_its_short_name():
+def test_target_on_truth_is_shown_by_short_name():
     log = Log(t=to_seconds(T), ticks=T, signals={"truth.heading": np.zeros(len(T))}, final={"truth.heading": 0.0})
     found = summarise_run(log, [Target("heading", 0.0, 0.1)])
     assert list(found["metrics"]) == ["heading"]
     assert found["metrics"]["heading"]["settling_s"] == 0.0
 
 
-def test_of_a_swarm_each_craft_has_its_numbers():
+def test_swarm_metrics_are_reported_per_craft():
     speed = np.stack([np.full(len(T), 0.5), np.linspace(0, 1, len(T))], axis=1)
     log = Log(to_seconds(T), T, {"truth.surge_velocity": speed}, final={"truth.surge_velocity": speed[-1]})
     found = summarise_run(log, [])
@@ -40,7 +40,7 @@ def test_of_a_swarm_each_craft_has_its_numbers():
     assert found["final"] == {"surge_velocity[0]": 0.5, "surge_velocity[1]": 1.0}
 
 
-def test_flags_and_a_lost_state_are_told():
+def test_reports_flags_and_time_of_lost_state():
     up, h = (to_seconds(T) >= 0.25) & (to_seconds(T) < 0.5), np.where(to_seconds(T) < 0.805, 1.0, np.nan)
     flag = Quantity("1", "Whether a limit holds the input.", kind="flag")
     signals = {"truth.h": h, "law.saturated": up}
@@ -54,7 +54,7 @@ def test_flags_and_a_lost_state_are_told():
     assert (summarise_run(calm, [])["flags"], summarise_run(calm, [])["lost_s"]) == ({}, None)
 
 
-def test_what_a_monitor_said_is_told():
+def test_reports_verdict_and_robustness_of_monitors():
     verdict = np.repeat([0, 1, 2, 1], 25).astype(np.int32)
     signals = {"monitor.turn.robustness": np.where(verdict == 2, -0.5, verdict * 0.25), "monitor.turn.verdict": verdict}
     signals |= {"monitor.rest.robustness": np.zeros(100), "monitor.rest.verdict": np.zeros(100, np.int32)}
@@ -64,7 +64,7 @@ def test_what_a_monitor_said_is_told():
     assert "monitor" not in summarise_run(Log(to_seconds(T), T, {"law.x": np.zeros(100)}), [])
 
 
-def test_of_a_swarm_the_summary_says_how_near_two_craft_came():
+def test_reports_closest_distance_between_swarm_craft():
     t = np.arange(0, ms(400), ms(100))
     craft = np.zeros((4, 8))
     signals = {"truth.north": craft, "sensors.arena.value.spacing": np.array([2.0, 1.5, 1.25, 3.0])}
@@ -94,7 +94,7 @@ def in_space(down, tilt=0.0):
 
 
 @pytest.mark.usefixtures("wide_screen")
-def test_a_flight_in_space_is_summed_up_by_what_people_fly_by(capsys):
+def test_flight_with_attitude_is_summarised_by_angles_and_altitude(capsys):
     log = in_space(-10.0, tilt=0.5)
     found = summarise_run(log, [Target("truth.p[0]", 1.98, 0.1)])
     shown = [n for n in found["metrics"] if n.startswith("flight.")]
@@ -113,7 +113,7 @@ def test_a_flight_in_space_is_summed_up_by_what_people_fly_by(capsys):
     assert "10 to 10 m high, up to 2 m/s over the ground, tilted by up to 28.6 deg, settled on its target from" in said
 
 
-def test_a_target_that_was_missed_is_named_and_below_the_surface_is_deep(capsys):
+def test_missed_target_is_named_and_depth_is_reported(capsys):
     log = in_space(5.0)
     found = summarise_run(log, [Target("truth.p[0]", 9.0, 0.1)])
     result = {"scenario": "a", "duration_s": 1.0, "seed": 0, "real": found, "ideal": None}
@@ -123,7 +123,7 @@ def test_a_target_that_was_missed_is_named_and_below_the_surface_is_deep(capsys)
     assert "NOT settled: p[0]" in said
 
 
-def test_vectors_of_a_state_that_has_no_attitude_are_shown_number_by_number():
+def test_vector_state_without_attitude_is_shown_by_component():
     a = np.stack([np.cos(to_seconds(T)), np.sin(to_seconds(T)), 0 * T], axis=1)
     declared = {"truth.field": Quantity("T", "What it feels.", shape=(3,))}
     log = Log(to_seconds(T), T, {"truth.field": a}, declarations=declared, final={"truth.field": a[-1]})
@@ -134,7 +134,7 @@ def test_vectors_of_a_state_that_has_no_attitude_are_shown_number_by_number():
 
 
 @pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])
-def test_reports_a_demand_that_is_not_finite(value, capsys):
+def test_reports_non_finite_demand(value, capsys):
     demand = np.where(to_seconds(T) < 0.305, 1.0, value)
     valid = to_seconds(T) > 0.1
     early = np.where(valid, 1.0, value)  # a law may compute anything before its estimate is valid

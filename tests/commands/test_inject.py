@@ -1,4 +1,4 @@
-"""`trimtab inject` against a vehicle that this test plays, message by message."""
+"""`trimtab inject` against a simulated peer that answers message by message."""
 
 import json
 import threading
@@ -21,7 +21,7 @@ NAME = "hovercraft/forward"
 NOW = seconds(123)
 
 
-def test_what_is_set_in_flight_is_told_with_its_unit():
+def test_fault_values_are_formatted_with_their_unit():
     scenario, _ = catalogue.load_scenario(NAME)
     listed = {p.path: p.declaration for p in Parameters(add_idle_faults(scenario).world, "world").listed}
     start, duration, word = (listed[f"world.downlink.fault.{name}"] for name in ("start", "duration", "kind"))
@@ -32,7 +32,7 @@ def test_what_is_set_in_flight_is_told_with_its_unit():
 
 
 class Played:
-    """A vehicle's end that answers as the real one, at one time, and keeps what was set."""
+    """A peer that answers like a vehicle, at a constant time, and records the parameters set."""
 
     def __init__(self, uri):
         scenario, _ = catalogue.load_scenario(NAME)
@@ -73,12 +73,12 @@ def inject(*arguments):
 
 
 def numbers(played):
-    """Last value of each number that was set, and the order of the first settings."""
+    """Return the last value of each parameter set, and the order of the first settings."""
     return dict(played.set), list(dict.fromkeys(path for path, _ in played.set))
 
 
 @pytest.mark.real_time
-def test_a_fault_is_set_from_now_on_and_its_word_last(played):
+def test_fault_starts_relative_to_now_and_its_kind_is_set_last(played):
     done = inject("sensor:navigation stuck @ 2 s for 500 ms", "--json")
     assert done.exit_code == 0, done.output
     found, order = numbers(played)
@@ -97,7 +97,7 @@ def test_a_fault_is_set_from_now_on_and_its_word_last(played):
 
 
 @pytest.mark.real_time
-def test_what_is_lost_on_the_way_is_asked_again(played):
+def test_lost_requests_are_repeated(played):
     played.loses = 2
     done = inject("uplink off")
     assert done.exit_code == 0, done.output
@@ -114,7 +114,7 @@ def test_what_is_lost_on_the_way_is_asked_again(played):
         ("sensor:navigation exploded", "exploded"),
     ],
 )
-def test_what_cannot_be_set_is_refused_before_anything_is_sent(played, fault, said):
+def test_invalid_fault_is_rejected_before_sending(played, fault, said):
     done = inject(fault)
     assert done.exit_code == 2
     assert said in done.output
@@ -122,7 +122,7 @@ def test_what_cannot_be_set_is_refused_before_anything_is_sent(played, fault, sa
 
 
 @pytest.mark.real_time
-def test_where_nobody_answers_it_says_what_to_give(monkeypatch):
+def test_no_answer_is_reported_with_vehicle_command(monkeypatch):
     monkeypatch.setattr("trimtab.flight.injector.PATIENCE", 0.3)
     done = inject("uplink off")
     assert done.exit_code == 2

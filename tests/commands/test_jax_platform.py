@@ -77,14 +77,14 @@ def test_selects_cpu_unless_gpu_is_asked_for(words, platform, monkeypatch):
     assert os.environ["JAX_PLATFORMS"] == platform
 
 
-def test_leaves_platform_of_running_jax():
+def test_keeps_platform_if_jax_is_already_imported():
     choose_platform(["run", "hovercraft/spin"])
     assert os.environ["JAX_PLATFORMS"] == ""
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("value", ["cuda", "gpu", "nonsense"])
-def test_real_jax_lacks_platform(value):
+def test_unavailable_platform_is_rejected_by_real_jax(value):
     words = [sys.executable, "-m", "trimtab", "run", "hovercraft/spin"]
     done = subprocess.run(words, env=os.environ | {"JAX_PLATFORMS": value}, capture_output=True, text=True)
     if done.returncode == 0 and value != "nonsense":

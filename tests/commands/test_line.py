@@ -1,4 +1,4 @@
-"""Lines of the verbs that fly: which may be unsigned, whose key signs them, and how they end."""
+"""Links of the verbs that fly: which may be unsigned, which key signs them, and how they end."""
 
 import os
 import signal
@@ -25,20 +25,20 @@ FAR += ["serial:///dev/ttyUSB0?baud=115200", "rfcomm://00:11:22:AA:BB:CC/1", "ud
 
 
 @pytest.mark.parametrize("uri", LOCAL)
-def test_unsigned_on_a_line_within_this_machine(uri):
+def test_unsigned_is_accepted_on_local_link(uri):
     assert is_local(uri)
     assert find_key("hovercraft/forward", None, True, uri, create=True) is None
 
 
 @pytest.mark.parametrize("uri", FAR)
-def test_unsigned_is_refused_on_all_others(uri):
+def test_unsigned_is_rejected_on_remote_link(uri):
     assert not is_local(uri)
     with pytest.raises(InputError, match=r"--unsigned.*could command the vehicle") as refused:
         find_key("hovercraft/forward", None, True, uri, create=True)
     assert "leave it out" in refused.value.fix
 
 
-def test_the_vehicle_makes_a_key_and_the_autopilot_finds_it(keys, capsys):
+def test_vehicle_creates_key_and_autopilot_finds_the_same(keys, capsys):
     made = find_key("hovercraft/forward", None, False, "udp://0.0.0.0:14550", create=True)
     file = keys / "hovercraft.key"
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
@@ -50,7 +50,7 @@ def test_the_vehicle_makes_a_key_and_the_autopilot_finds_it(keys, capsys):
     assert find_key("hypersonic/noise", file, False, "udp://:1", create=False) == made
 
 
-def test_without_a_key_the_autopilot_is_told_what_to_do(keys):
+def test_missing_key_is_rejected_with_vehicle_command(keys):
     with pytest.raises(InputError, match="key not found") as refused:
         find_key("hovercraft/forward", None, False, "udp://:14550", create=False)
     assert refused.value.fix.startswith("trimtab vehicle hovercraft/forward --listen udp://:14550  ")
@@ -58,13 +58,13 @@ def test_without_a_key_the_autopilot_is_told_what_to_do(keys):
     assert not keys.exists()
 
 
-def test_a_line_that_is_none_is_refused_before_its_key(keys):
+def test_invalid_link_uri_is_rejected_before_key_lookup(keys):
     with pytest.raises(InputError, match=r"127\.0\.0\.1:14550") as refused:
         find_key("hovercraft/forward", None, False, "127.0.0.1:14550", create=False)
     assert "key" not in refused.value.problem
 
 
-def test_a_key_that_others_can_read_is_refused_with_what_to_type(keys):
+def test_key_readable_by_others_is_rejected_with_chmod_command(keys):
     find_key("hovercraft/forward", None, False, "udp://:1", create=True)
     file = keys / "hovercraft.key"
     file.chmod(0o640)
@@ -73,7 +73,7 @@ def test_a_key_that_others_can_read_is_refused_with_what_to_type(keys):
     assert refused.value.fix == f"chmod 600 '{file}'"
 
 
-def test_a_key_with_unsigned_is_refused(keys):
+def test_rejects_key_combined_with_unsigned(keys):
     with pytest.raises(InputError, match="cannot be combined with --key"):
         find_key("hovercraft/forward", keys / "a.key", True, "udp://:1", create=False)
 
@@ -88,13 +88,13 @@ def test_a_key_with_unsigned_is_refused(keys):
         ("/home/me/boats/my_boat.py:scenario", "my_boat"),
     ],
 )
-def test_there_is_one_key_a_vehicle(scenario, vehicle, keys):
+def test_each_vehicle_has_one_key(scenario, vehicle, keys):
     assert vehicle_name(scenario) == vehicle
     find_key(scenario, None, False, "udp://:1", create=True)
     assert [f.name for f in keys.glob("*.key")] == [f"{vehicle}.key"]
 
 
-def test_stamps_are_kept_and_given_back(keys):
+def test_time_stamps_are_locked_while_open_and_released_on_close(keys):
     from flight.mavlink.line import every
     from run.stand_ins import dialect
 
@@ -109,7 +109,7 @@ def test_stamps_are_kept_and_given_back(keys):
     make(messages).close()
 
 
-def test_an_interrupt_raises_a_flag_and_a_second_one_ends_it():
+def test_first_interrupt_sets_flag_and_second_raises():
     before, clock = signal.getsignal(signal.SIGTERM), SimpleNamespace(now=0)
     clock.monotonic_ns = lambda: clock.now
     with catch_interrupts(clock) as stop:

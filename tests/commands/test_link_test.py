@@ -1,4 +1,4 @@
-"""`trimtab link-test`: table, recordings, settings that `run` takes, JSON, and what is refused."""
+"""`trimtab link-test`: table, recordings, settings for `run`, JSON, and invalid arguments."""
 
 import json
 import re
@@ -34,7 +34,7 @@ def call(*words):
 
 @pytest.fixture
 def echoing(tmp_path, monkeypatch):
-    """The other end, under a name."""
+    """Address of a running echo."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     stop = threading.Event()
     link = open_link("loopback://bench", listen=True)
@@ -47,7 +47,7 @@ def echoing(tmp_path, monkeypatch):
 
 
 @pytest.mark.real_time
-def test_table_recordings_picture_and_settings(echoing, tmp_path):
+def test_prints_table_and_writes_recordings_plot_and_settings(echoing, tmp_path):
     done = call(echoing, "--load", "2.9/22.0", "--requests", 12, "--rate", 100, "--out", tmp_path / "found")
     assert done.exit_code == 0, done.output
     assert "2.9/22" in done.stdout
@@ -62,7 +62,7 @@ def test_table_recordings_picture_and_settings(echoing, tmp_path):
 
 
 @pytest.mark.real_time
-def test_what_is_written_can_be_typed_after_run(echoing, tmp_path):
+def test_written_settings_are_accepted_by_run(echoing, tmp_path):
     done = call(echoing, "--load", "2.9/22.0", "--requests", 12, "--rate", 100, "--out", tmp_path / "found")
     assert done.exit_code == 0, done.output
     words = (tmp_path / "found" / "settings-2.9-22.txt").read_text().split()
@@ -73,7 +73,7 @@ def test_what_is_written_can_be_typed_after_run(echoing, tmp_path):
         assert mean_latency(channel.latency) == pytest.approx(recorded.mean(), rel=0.02, abs=2e-5)
 
 
-def test_how_long_it_takes_is_said_before_the_first_request(monkeypatch):
+def test_duration_is_printed_before_first_request(monkeypatch):
     class Silent:
         def close(self):
             pass
@@ -85,7 +85,7 @@ def test_how_long_it_takes_is_said_before_the_first_request(monkeypatch):
 
 
 @pytest.mark.real_time
-def test_json(echoing):
+def test_json_reports_round_trip_and_loss_per_load(echoing):
     found = json.loads(
         call(echoing, "--load", "1/8", "--load", "2/16", "--requests", 10, "--rate", 100, "--json").stdout
     )
@@ -108,7 +108,7 @@ def test_json(echoing):
         ("serial:///dev/ttyUSB0?baud=115200", r"serial:///dev/ttyUSB0\?baud=115200"),
     ],
 )
-def test_the_echo_says_how_the_other_end_reaches_it(uri, shown, monkeypatch):
+def test_echo_prints_command_for_the_other_end(uri, shown, monkeypatch):
     class Silent:
         def close(self):
             pass
@@ -133,14 +133,14 @@ def test_the_echo_says_how_the_other_end_reaches_it(uri, shown, monkeypatch):
         (("bench",), "the address has no scheme"),
     ],
 )
-def test_wrong_input_is_refused_with_what_to_type(words, why):
+def test_invalid_arguments_are_rejected_with_fix(words, why):
     done = call(*words)
     assert done.exit_code == 2
     assert why in done.stderr
     assert "Fix:" in done.stderr
 
 
-def test_nobody_answers(tmp_path, monkeypatch):
+def test_no_answer_exits_with_1_and_suggests_echo(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.setattr("trimtab.commands.link_test.measure_delays", lambda *_: None)
     done = call("loopback://nobody")
@@ -150,7 +150,7 @@ def test_nobody_answers(tmp_path, monkeypatch):
 
 @pytest.mark.real_time
 @pytest.mark.parametrize("scheme", ["udp", "tcp"])
-def test_the_echo_at_port_0_says_which_port_the_system_gave_it(scheme):
+def test_echo_at_port_0_prints_assigned_port(scheme):
     words = [sys.executable, "-c", HEARS_CTRL_C, "link-test", f"{scheme}://:0", "--echo"]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as far:
         try:
@@ -167,7 +167,7 @@ def test_the_echo_at_port_0_says_which_port_the_system_gave_it(scheme):
         assert far.wait(20) == 0
 
 
-def test_port_0_is_only_for_the_end_that_listens():
+def test_rejects_port_0_for_connecting_end():
     done = call("udp://127.0.0.1:0", "--requests", 10)
     assert done.exit_code == 2
     assert "a port from 1 to 65535" in done.stderr

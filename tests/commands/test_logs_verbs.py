@@ -1,4 +1,4 @@
-"""`trimtab plot`, `compare` and `completion`, as they are typed."""
+"""`trimtab plot`, `compare` and `completion` by command line."""
 
 import json
 import os
@@ -15,7 +15,7 @@ REST = "hovercraft/zero-velocity"
 
 @pytest.fixture(scope="module")
 def flights(tmp_path_factory):
-    """A flight, and one of another mass."""
+    """Folder with two flights, the second with another mass."""
     folder = tmp_path_factory.mktemp("flights")
     for name, more in (("a", ()), ("b", ("--set", "world.vehicle.mass=2.7 kg"))):
         done = call("run", REST, "--duration", "1", "--no-ideal", *more, "--out", str(folder / name))
@@ -28,7 +28,7 @@ def call(*words):
 
 
 @pytest.mark.thorough
-def test_plot_draws_the_signals_that_are_named(flights):
+def test_plot_draws_only_named_signals(flights):
     log, picture = flights / "a" / "run.mcap", flights / "some.svg"
     done = call("plot", log, "truth.yaw_rate", "actuators.*", "--until", "500 ms", "--plot", picture, "--json")
     assert done.exit_code == 0, done.output
@@ -40,7 +40,7 @@ def test_plot_draws_the_signals_that_are_named(flights):
 
 
 @pytest.mark.thorough
-def test_plot_without_signals_draws_all_beside_the_log(flights):
+def test_plot_works_without_signals_and_rejects_unknown_signal(flights):
     assert call("plot", flights / "b" / "run.mcap").exit_code == 0  # the run's own picture lies there: it is trimtab's
     refused = call("plot", flights / "b" / "run.mcap", "truth.yaw_rat")
     assert refused.exit_code == 2
@@ -48,7 +48,7 @@ def test_plot_without_signals_draws_all_beside_the_log(flights):
 
 
 @pytest.mark.thorough
-def test_compare_says_where_two_flights_differ(flights, tmp_path):
+def test_compare_reports_first_difference_between_two_flights(flights, tmp_path):
     logs = (flights / "a" / "run.mcap", flights / "b" / "run.mcap")
     done = call("compare", *logs, "--plot", tmp_path / "both.png")
     assert done.exit_code == 1
@@ -60,7 +60,7 @@ def test_compare_says_where_two_flights_differ(flights, tmp_path):
 
 
 @pytest.mark.thorough
-def test_compare_of_one_log_flies_it_again(flights):
+def test_compare_with_one_log_repeats_the_flight(flights):
     done = call("compare", flights / "b" / "run.mcap", "--json")
     assert done.exit_code == 0, done.output
     said = json.loads(done.stdout)
@@ -70,7 +70,7 @@ def test_compare_of_one_log_flies_it_again(flights):
 
 
 def complete(*words):
-    """What a shell is offered for the last word."""
+    """Return the completions of the last word."""
     given = {"_TRIMTAB_COMPLETE": "bash_complete", "COMP_WORDS": " ".join(words), "COMP_CWORD": str(len(words) - 1)}
     code = "from trimtab.cli import main; main(prog_name='trimtab')"
     done = subprocess.run([sys.executable, "-c", code], env=os.environ | given, capture_output=True, text=True)
@@ -78,7 +78,7 @@ def complete(*words):
 
 
 @pytest.mark.thorough
-def test_a_shell_completes_verbs_scenarios_and_settings():
+def test_shell_completion_offers_verbs_scenarios_and_settings():
     assert set(complete("trimtab", "com")) == {"compare", "completion"}
     assert complete("trimtab", "run", "hovercraft/zero") == [REST]
     assert call("list", REST).exit_code == 0
@@ -86,7 +86,7 @@ def test_a_shell_completes_verbs_scenarios_and_settings():
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_prints_a_script_of_the_shell(shell):
+def test_completion_prints_script_for_each_shell(shell):
     done = call("completion", shell)
     assert done.exit_code == 0
     assert "_TRIMTAB_COMPLETE" in done.stdout

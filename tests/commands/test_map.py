@@ -1,4 +1,4 @@
-"""`trimtab map`: what is printed, what is given as JSON, and what is refused before anything flies."""
+"""`trimtab map`: text output, JSON, and invalid axes, which are rejected before simulation."""
 
 import json
 import re
@@ -20,7 +20,7 @@ def call(*words, **changes):
 
 
 @pytest.mark.thorough
-def test_numbers_as_json_and_a_picture(tmp_path):
+def test_json_reports_stability_map_and_plot_is_written(tmp_path):
     picture = tmp_path / "made" / "map.png"
     done = call("--json", plot=picture)
     assert done.exit_code == 0, done.output
@@ -39,7 +39,7 @@ def test_numbers_as_json_and_a_picture(tmp_path):
 
 
 @pytest.mark.thorough
-def test_words_for_people():
+def test_text_output_reports_boundary_and_flown_points():
     done = call("--no-theory", x="delay=0.1:0.6:3", y="autopilot.law.k2=80%:120%:2", set="duration=20 s")
     for text in ("points flown of 15", "autopilot.law.k2 0.8 × own: succeeds at 0.1, boundary at uplink delay 0."):
         assert text in done.stdout
@@ -50,13 +50,13 @@ def test_words_for_people():
     ("success", "said"),
     [("peak:yaw_rate <= 0.001", "fails everywhere.*--success 'error_rms:"), ("peak:yaw_rate <= 100", "--x or --y")],
 )
-def test_where_there_is_no_boundary_it_says_what_to_type(success, said):
+def test_missing_boundary_is_reported_with_suggested_option(success, said):
     ends = {"x": "world.vehicle.mass=2:3:2", "y": "delay=0:0.01:2"}
     done = call("--no-theory", **ends, success=success, set="duration=1 s")
     assert re.search(said, done.stdout)
 
 
-def test_axes_from_text():
+def test_parses_axis_from_text():
     found = parse_axis("--x", "downlink-loss=0:0.5:6")
     assert (found.name, found.link, found.kind, len(found.values)) == ("downlink loss", "downlink", "loss", 6)
     np.testing.assert_allclose(parse_axis("--x", "world.vehicle.mass=80%:120%").values, np.linspace(0.8, 1.2, 5))
@@ -82,7 +82,7 @@ def test_axes_from_text():
         ({"seed": -1}, "seed"),
     ],
 )
-def test_refused_before_anything_flies(tmp_path, monkeypatch, changes, said):
+def test_invalid_axes_are_rejected_before_simulation(tmp_path, monkeypatch, changes, said):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
         "trimtab.analysis.campaign.search.stability_map.simulate_batch", lambda *a, **k: pytest.fail("it flew")

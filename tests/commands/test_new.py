@@ -1,4 +1,4 @@
-"""`trimtab new`: what it writes works at once, by whatever name; what it can't do is answered with what to type."""
+"""`trimtab new`: generated files work unchanged under any name; invalid names are rejected with a fix."""
 
 import json
 import shlex
@@ -30,14 +30,14 @@ def make(kind, name, folder):
 
 
 def run(command, folder, *words):
-    """A program of this environment; it has to end well."""
+    """Run a program of this environment, which must succeed; return its output."""
     done = subprocess.run([sys.executable, "-m", command, *map(str, words)], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_kind_is_three_short_files_that_say_what_to_type(kind, tmp_path):
+def test_each_kind_writes_three_short_files_and_prints_commands(kind, tmp_path):
     said = make(kind, "my_own", tmp_path / "deep" / "folder")
     ending = "toml" if kind == "scenario" else "py"
     assert [Path(file).name for file in said["files"]] == [f"my_own.{ending}", "test_my_own.py", "my_own.md"]
@@ -50,7 +50,7 @@ def test_each_kind_is_three_short_files_that_say_what_to_type(kind, tmp_path):
         assert "my_own" in line
 
 
-def test_the_words_of_a_person_name_the_commands(tmp_path):
+def test_text_output_lists_written_files_and_next_commands(tmp_path):
     said = call("new", "vehicle", "bike", "--out", tmp_path).output
     assert f"wrote {tmp_path / 'bike.py'}" in said
     for line in (f"trimtab run {tmp_path / 'bike.py'}:scenario", f"pytest {tmp_path / 'test_bike.py'}"):
@@ -59,7 +59,7 @@ def test_the_words_of_a_person_name_the_commands(tmp_path):
 
 @pytest.mark.thorough("my_own_part", "a_b_c_d_e_f_g_h_i_j_k_l")
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_made_passes_ruff_by_any_name(name, tmp_path):
+def test_generated_files_pass_ruff_for_any_name(name, tmp_path):
     for kind in KINDS:
         make(kind, name, tmp_path / kind)
     settings = ("--config", ROOT / "pyproject.toml", "--no-cache", tmp_path)
@@ -67,7 +67,7 @@ def test_what_is_made_passes_ruff_by_any_name(name, tmp_path):
     run("ruff", ROOT, "format", "--check", *settings)
 
 
-def test_a_template_gives_itself_by_its_own_name(tmp_path):
+def test_template_with_its_own_name_is_copied_unchanged(tmp_path):
     for kind in KINDS:
         for file in make(kind, f"my_{kind}", tmp_path)["files"]:
             assert Path(file).read_bytes() == (TEMPLATES / Path(file).name).read_bytes()
@@ -95,7 +95,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("kind", "name", "problem", "fix"), REFUSED, ids=lambda value: str(value)[:20])
-def test_what_is_refused_says_what_to_type(kind, name, problem, fix, tmp_path, monkeypatch):
+def test_invalid_names_are_rejected_with_working_fix(kind, name, problem, fix, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # An example that was flown before in this process may have put its folder, and so my_boat, on the path.
     monkeypatch.setattr(sys, "path", [place for place in sys.path if Path(place).resolve() != EXAMPLES])
@@ -109,12 +109,12 @@ def test_what_is_refused_says_what_to_type(kind, name, problem, fix, tmp_path, m
     assert call(*again).exit_code == 0  # what it says works
 
 
-def test_without_words_it_shows_an_example():
+def test_missing_arguments_print_an_example():
     assert "Fix: trimtab new vehicle my_bike\n" in call("new").output
     assert "Fix: trimtab new vehicle my_bike\n" in call("create").output
 
 
-def test_nothing_of_ones_own_is_replaced(tmp_path):
+def test_existing_files_are_not_overwritten(tmp_path):
     (tmp_path / "boat.md").write_text("mine")
     done = call("new", "vehicle", "boat", "--out", tmp_path)
     assert done.exit_code == 2
@@ -127,7 +127,7 @@ def test_nothing_of_ones_own_is_replaced(tmp_path):
     assert (tmp_path / "boat.md").read_text(encoding="utf-8").startswith("# Boat\n")
 
 
-def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
+def test_rejects_unwritable_folder(tmp_path):
     (tmp_path / "file").write_text("")
     done = call("new", "law", "pid", "--out", tmp_path / "file")
     assert done.exit_code == 2
@@ -136,13 +136,13 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
     assert "is a folder" in call("new", "law", "pid", "--out", tmp_path, "--overwrite").output
 
 
-def test_a_shell_completes_the_kinds():
+def test_shell_completion_offers_the_kinds():
     words = ShellComplete(main, {}, "trimtab", "_TRIMTAB_COMPLETE").get_completions(["new"], "")
     assert [item.value for item in words] == list(KINDS)
 
 
 @pytest.mark.parametrize("text", ["a b", "ÀÉ", "--", "x.y", "9", "None", "CamelCaseName", "a" * 99])
-def test_the_nearest_name_is_one(text):
+def test_nearest_name_is_a_valid_identifier(text):
     name = nearest_name(text)
     assert name.isidentifier()
     assert name == name.lower()
@@ -153,8 +153,8 @@ def test_the_nearest_name_is_one(text):
 @pytest.mark.timeout(1800)
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_is_made_is_tested_and_flown_as_it_says(kind, tmp_path, monkeypatch):
-    """Each command that `new` prints, and a flight over UDP, as somebody types them in that folder."""
+def test_printed_commands_test_and_fly_generated_files(kind, tmp_path, monkeypatch):
+    """Run each command that `new` prints in the folder of the generated files."""
     monkeypatch.chdir(tmp_path)
     said = json.loads(call("new", kind, "own", "--json").stdout)
     page = Path("own.md").read_text(encoding="utf-8")
@@ -169,7 +169,7 @@ def test_what_is_made_is_tested_and_flown_as_it_says(kind, tmp_path, monkeypatch
 
 
 @pytest.mark.thorough
-def test_what_is_made_passes_the_type_checker(tmp_path):
+def test_generated_files_pass_the_type_checker(tmp_path):
     for kind in KINDS:
         make(kind, "my_own", tmp_path / kind)
     run("basedpyright", ROOT, "--pythonpath", sys.executable, "--project", ROOT / "pyproject.toml", tmp_path)

@@ -1,4 +1,4 @@
-"""What is printed: no number is cut however narrow the screen, what takes long says so, a typo is answered at once."""
+"""Printed output: numbers are never truncated, a lost flight is named first, and typos are reported quickly."""
 
 import os
 import re
@@ -21,7 +21,7 @@ CELLS = ("truth.yaw_rate", "-0.0123456789", "12345.678", "Rate of turn, which is
 
 
 @pytest.mark.parametrize("columns", [20, 40, 60, 80, 140, None])
-def test_no_number_is_cut_however_narrow_it_is(columns, monkeypatch, capsys):
+def test_numbers_are_never_truncated_on_narrow_terminal(columns, monkeypatch, capsys):
     monkeypatch.delenv("COLUMNS", raising=False)
     monkeypatch.setenv("NO_COLOR", "1")
     if columns is not None:
@@ -38,7 +38,7 @@ def test_no_number_is_cut_however_narrow_it_is(columns, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("columns", ["60", "80"])
-def test_a_run_on_a_narrow_screen_shows_what_a_wide_one_shows(columns, monkeypatch):
+def test_narrow_terminal_shows_same_numbers_as_wide_one(columns, monkeypatch):
     words = ["run", REST, "--duration", "1", "--no-ideal"]
     monkeypatch.setenv("COLUMNS", "160")
     wide = CliRunner().invoke(main, words).stdout
@@ -49,7 +49,7 @@ def test_a_run_on_a_narrow_screen_shows_what_a_wide_one_shows(columns, monkeypat
 
 
 @pytest.mark.parametrize("columns", [58, 66, 80, 97, 110])
-def test_words_break_where_a_table_is_too_wide_and_are_never_cut(columns, monkeypatch, capsys):
+def test_too_wide_table_wraps_words_without_truncation(columns, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", str(columns))
     monkeypatch.setenv("NO_COLOR", "1")
     table = output.new_table("what", ">first in band (s)", ">settled (s)", "verdict", "meaning", unwrapped=("what",))
@@ -69,7 +69,7 @@ def test_words_break_where_a_table_is_too_wide_and_are_never_cut(columns, monkey
         assert any(all(cell in line for cell in row[:3]) for line in lines)
 
 
-def test_every_table_is_printed_without_cutting_numbers():
+def test_all_commands_print_tables_through_print_table():
     """Rich cuts cells that are too wide; `print_table` does not."""
     printing = re.compile(r"\.print\((?!f?\")")
     files = {f.name for f in Path(output.__file__).parent.glob("*.py") if printing.search(f.read_text("utf-8"))}
@@ -77,14 +77,14 @@ def test_every_table_is_printed_without_cutting_numbers():
 
 
 @pytest.mark.thorough
-def test_a_flight_that_is_lost_ends_with_1_and_says_so_first():
+def test_lost_flight_exits_with_1_and_prints_lost_first():
     words = ["run", REST, "--duration", "1", "--no-ideal", "--set", "initial.yaw_rate=1e200"]
     done = CliRunner().invoke(main, words)
     assert done.exit_code == 1, done.output
     assert done.stdout.startswith("real:  LOST")
 
 
-def test_python_m_is_called_trimtab_too():
+def test_python_m_trimtab_prints_trimtab_as_program_name():
     done = subprocess.run([sys.executable, "-m", "trimtab", "run", "--nothing"], capture_output=True, text=True)
     assert done.returncode == 2
     assert done.stderr.startswith("Usage: trimtab run ")
@@ -97,7 +97,7 @@ def test_python_m_is_called_trimtab_too():
     [("rum",), ("run", "hovercraft/spinn"), ("campaign", "hovercraft/spinn"), ("run", REST, "--set", "wrld.mass=3")],
     ids=" ".join,
 )
-def test_a_typo_is_answered_before_anything_heavy_is_imported(words):
+def test_typo_is_reported_before_heavy_imports(words):
     code = f"""
 import sys
 from click.testing import CliRunner
@@ -112,7 +112,7 @@ print([name for name in ("jax", "numpy", "scipy", "rich") if name in sys.modules
 
 
 @pytest.mark.thorough
-def test_a_path_that_was_wrong_once_is_answered_at_once(tmp_path):
+def test_repeated_wrong_path_is_reported_without_importing_jax(tmp_path):
     code = """
 import sys
 from click.testing import CliRunner
@@ -128,7 +128,7 @@ print("jax" in sys.modules)
 
 
 @pytest.mark.thorough
-def test_a_path_is_known_after_a_run(tmp_path, monkeypatch):
+def test_run_caches_setting_paths_of_scenario(tmp_path, monkeypatch):
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path))
     assert CliRunner().invoke(main, ["run", REST, "--no-ideal"]).exit_code == 0
     known = read_paths(REST)

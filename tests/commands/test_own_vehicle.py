@@ -1,4 +1,4 @@
-"""What an outsider's vehicle meets: vectors in its state, names of its own, another demand than its input, integers."""
+"""User-defined vehicles: vector states, own field names, a demand that differs from the input, integers."""
 
 import json
 from pathlib import Path
@@ -41,7 +41,7 @@ def flight(tmp_path_factory):
 
 
 @pytest.mark.thorough
-def test_a_state_with_vectors_is_summarised_number_by_number(flight):
+def test_vector_state_is_summarised_by_component(flight):
     folder, said = flight
     assert {"r[0]", "r[2]", "v[1]", "q[3]", "t", "x", "altitude"} <= set(said["real"]["final"])
     assert {"r[2]", "t", "x", "flight.yaw", "flight.climb", "flight.north"} <= set(said["real"]["metrics"])
@@ -55,14 +55,14 @@ def test_a_state_with_vectors_is_summarised_number_by_number(flight):
     assert (folder / "run.png").stat().st_size > 10_000
 
 
-def test_a_table_names_each_number_with_its_unit():
+def test_table_shows_vector_components_with_units():
     said = call("run", f"{FILE}:hover", "--no-ideal").output
     assert "r[2] (m)" in said
     assert "flight.yaw (deg)" in said
     assert "flight.climb (m/s)" in said
 
 
-def test_a_log_gives_one_number_of_a_vector():
+def test_log_gives_single_component_of_vector_signal():
     log = simulate(hover(), duration=ms(100))
     assert (log["truth.r[2]"] == log["truth.r"][:, 2]).all()
     assert log.unit("truth.v[1]") == "m/s"
@@ -74,7 +74,7 @@ def test_a_log_gives_one_number_of_a_vector():
         log["truth.x[0]"]
 
 
-def test_a_campaign_measures_one_number_and_refuses_a_vector():
+def test_campaign_measures_vector_component_and_rejects_whole_vector():
     metrics = ["final:truth.r[2]", "final:truth.altitude", "final:law.climb_error", "settling:truth.r[2]"]
     spread = {"world.vehicle.mass": "uniform(90%, 110%)"}
     campaign = Campaign(hover(), runs=70, spread=spread, metrics=metrics, success=["final:truth.r[2] <= -4"])
@@ -88,14 +88,14 @@ def test_a_campaign_measures_one_number_and_refuses_a_vector():
     assert row["final:truth.r[2]"] == rows["final:truth.r[2]"][5]
 
 
-def test_final_is_the_end_of_the_run_and_not_its_last_row():
+def test_final_metric_is_taken_at_end_of_run_not_last_row():
     scenario = replace(hover(), duration=ms(506))
     campaign = Campaign(scenario, runs=64, metrics=["final:truth.t"], success=["final:truth.t >= 0"], log_period=ms(50))
     assert campaign.run().columns["final:truth.t"] == pytest.approx(0.506)  # the last row is at 0.5 s
 
 
 @pytest.mark.thorough
-def test_a_budget_takes_a_target_of_the_law_and_one_number_of_a_vector():
+def test_budget_accepts_targets_on_law_signals_and_vector_components():
     budget = error_budget(hover(), seeds=range(2), names=["uplink-delay"])
     assert budget.units == {"r[2]": "m", "altitude": "m", "law.climb_error": "m"}
     assert budget.whole["law.climb_error"][0] > 0
@@ -103,7 +103,7 @@ def test_a_budget_takes_a_target_of_the_law_and_one_number_of_a_vector():
 
 
 @pytest.mark.thorough
-def test_the_ideal_twin_keeps_what_turns_a_demand_into_the_input():
+def test_ideal_twin_keeps_conversion_from_demand_to_input():
     scenario = engines()
     real, twin = simulate(scenario), simulate(scenario.ideal())
     assert real.final["truth.altitude"] == pytest.approx(4.26, abs=0.2)  # a tenth of the thrust is missing
@@ -114,7 +114,7 @@ def test_the_ideal_twin_keeps_what_turns_a_demand_into_the_input():
     assert scenario.ideal().imperfections() == {"weak-engines": ["world.actuators"]}
 
 
-def test_a_law_is_told_its_period():
+def test_law_receives_its_period():
     log = simulate(replace(hover(), duration=seconds(1)))
     steps = log["law.flown"][log["estimate.valid"]]
     assert steps[-1] - steps[0] == pytest.approx(0.998 - to_first(log), abs=1e-9)
@@ -128,7 +128,7 @@ def to_first(log):
 
 @record
 class OddNames:
-    """Names that functions and C have too."""
+    """Field names that are also names in functions and in C."""
 
     self: Any = quantity("1", "One.", default=1.0)
     r: Any = quantity("1", "Two.", default=2.0)
@@ -136,7 +136,7 @@ class OddNames:
     double: Any = quantity("1", "Four.", default=4.0)
 
 
-def test_every_name_is_possible_for_a_field():
+def test_any_identifier_works_as_field_name():
     odd = replace(OddNames(), self=5, r=6, changes=7, double=8)
     assert [float(v) for v in jax.tree.leaves(to_arrays(odd))] == [5, 6, 7, 8]
     assert with_settings(odd, {"self": "9"}).self == 9
@@ -145,7 +145,7 @@ def test_every_name_is_possible_for_a_field():
     assert simulate(hover(), duration=ms(10)).final["truth.x"] > 0
 
 
-def test_integers_are_numbers_wherever_a_vehicle_goes():
+def test_integers_are_accepted_in_states_inputs_and_settings():
     whole = replace(hover(), initial=LanderState(r=[0, 0, -12], altitude=12))
     assert simulate(whole, duration=ms(10)).final["truth.altitude"] == pytest.approx(12, abs=0.01)
     u = whole.world.actuators.neutral_input
@@ -157,7 +157,7 @@ def test_integers_are_numbers_wherever_a_vehicle_goes():
 
 
 @pytest.mark.thorough
-def test_a_files_flight_is_replayed_by_naming_the_file(flight):
+def test_flight_from_file_is_replayed_with_scenario_option(flight):
     folder, _ = flight
     refused = call("replay", folder / "run.mcap")
     assert refused.exit_code != 0
@@ -168,7 +168,7 @@ def test_a_files_flight_is_replayed_by_naming_the_file(flight):
     assert "identical bit for bit" in again.output
 
 
-def test_a_type_of_vehicle_that_there_is_none_of_is_refused_before_a_run():
+def test_unknown_mav_type_is_rejected_before_run():
     @record
     class Saucer(Lander):
         MAV_TYPE = "QUADROTER"
@@ -193,13 +193,13 @@ def branch(self, t, x, u):
 SLIPS = {
     "a Python branch": (branch, "test_own_vehicle.py:.*`if` on a traced value", "jnp.where"),
     "another shape": (lambda self, t, x, u: replace(x, v=jnp.zeros(2)), r"has v of shape \(2,\)", "LanderState"),
-    "no record": (lambda self, t, x, u: x.q, "not a record, with 1 number", "LanderState"),
-    "a misspelt field": (lambda self, t, x, u: x.hight, "test_own_vehicle.py:.*hight", ""),
+    "not a record": (lambda self, t, x, u: x.q, "not a record, with 1 number", "LanderState"),
+    "misspelt field": (lambda self, t, x, u: x.hight, "test_own_vehicle.py:.*hight", ""),
 }
 
 
 @pytest.mark.parametrize("name", SLIPS)
-def test_a_slip_in_the_dynamics_is_named_with_its_line(name):
+def test_error_in_dynamics_is_reported_with_its_line(name):
     method, problem, fix = SLIPS[name]
     scenario = hover()
     with pytest.raises(InputError, match=problem) as refused:
@@ -208,7 +208,7 @@ def test_a_slip_in_the_dynamics_is_named_with_its_line(name):
     assert fix in refused.value.fix
 
 
-def test_a_vehicle_without_motion_and_a_law_that_changes_its_state_are_refused():
+def test_rejects_vehicle_without_motion_and_law_with_varying_state_structure():
     scenario = hover()
     with pytest.raises(InputError, match=r"has no dynamics\(t, x, u\)"):
         simulate(replace(scenario, world=replace(scenario.world, vehicle=LanderState())))
@@ -237,7 +237,7 @@ def test_a_vehicle_without_motion_and_a_law_that_changes_its_state_are_refused()
         simulate(replace(scenario, autopilot=replace(scenario.autopilot, law=Forgetful())))
 
 
-def test_a_target_of_one_number_is_drawn_in_its_vectors_panel():
+def test_target_on_vector_component_is_drawn_in_vector_panel():
     from trimtab.plots.run import plot_run
 
     log = simulate(hover(), log_period=ms(20))
@@ -249,7 +249,7 @@ def test_a_target_of_one_number_is_drawn_in_its_vectors_panel():
 
 
 @pytest.mark.usefixtures("wide_screen")
-def test_a_run_says_where_its_steps_are_too_long_and_what_helps():
+def test_run_reports_too_long_integration_steps_and_fix():
     file = FILE.with_name("falling.py")
     said = call("run", f"{file}:floor", "--no-ideal").output
     assert "INTEGRATION (real)" in said

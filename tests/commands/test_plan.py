@@ -1,4 +1,4 @@
-"""`trimtab plan`: what it prints and writes, and refusals with exit code 2."""
+"""`trimtab plan`: output, written files, and invalid input with exit code 2."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ HALL = Path(__file__).parents[2] / "examples" / "hall.toml"
 
 
 @pytest.mark.thorough
-def test_it_writes_a_table_and_a_picture_and_says_how_to_fly(tmp_path):
+def test_writes_table_and_picture_and_prints_run_command(tmp_path):
     table, picture = tmp_path / "plan.csv", tmp_path / "plan.png"
     done = CliRunner().invoke(main, ["plan", str(HALL), "--out", str(table), "--plot", str(picture)])
     assert done.exit_code == 0, done.output
@@ -22,7 +22,7 @@ def test_it_writes_a_table_and_a_picture_and_says_how_to_fly(tmp_path):
 
 
 @pytest.mark.thorough
-def test_json_has_what_matters(tmp_path):
+def test_json_reports_clearance_duration_and_length(tmp_path):
     done = CliRunner().invoke(main, ["plan", str(HALL), "--speed", "0.4", "--json"])
     result = json.loads(done.output)
     assert done.exit_code == 0
@@ -39,7 +39,7 @@ def test_json_has_what_matters(tmp_path):
         ("[craft]", "[ship]", "unknown section [ship]"),
     ],
 )
-def test_it_is_refused_with_the_reason(old, new, says, tmp_path):
+def test_invalid_hall_is_rejected_with_reason_and_fix(old, new, says, tmp_path):
     file = tmp_path / "hall.toml"
     text = HALL.read_text()
     assert old in text

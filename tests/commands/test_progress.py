@@ -1,4 +1,4 @@
-"""What is said on standard error of how far a verb is, how long it takes and how large it gets."""
+"""Progress on standard error: finished runs, remaining time and size on disk."""
 
 import contextlib
 import os
@@ -23,8 +23,8 @@ INLINE = "module://matplotlib_inline.backend_inline"
     ("variables", "is_drawn"),
     [({}, True), ({"JPY_PARENT_PID": "1"}, False), ({"TERM": "dumb"}, False), ({"MPLBACKEND": INLINE}, False)],
 )
-def test_a_spinner_turns_on_a_terminal_and_not_in_a_notebook(variables, is_drawn):
-    """A notebook's `!` gives a command a terminal, whose frames would all stand in the page."""
+def test_spinner_is_drawn_on_terminal_but_not_in_notebook(variables, is_drawn):
+    """A notebook's `!` gives a command a terminal; each frame of a spinner would appear in the page."""
     code = "import time\nfrom trimtab.commands.progress import show_spinner as show\n"
     code += "with show('compiling'): time.sleep(0.2)"
     own = (
@@ -44,7 +44,7 @@ def test_a_spinner_turns_on_a_terminal_and_not_in_a_notebook(variables, is_drawn
     assert is_drawn or said == b"."
 
 
-def test_a_page_of_recorded_flights_says_which_logs_are_read(monkeypatch, tmp_path):
+def test_console_shows_which_logs_are_being_read(monkeypatch, tmp_path):
     def refuse(file):
         raise InputError("the log", "is read", fix="none")
 
@@ -59,7 +59,7 @@ def test_a_page_of_recorded_flights_says_which_logs_are_read(monkeypatch, tmp_pa
     assert said == [f"reading {files[0]} and {files[1]}"]
 
 
-def test_what_takes_long_says_how_long(monkeypatch, capsys):
+def test_long_run_reports_remaining_time(monkeypatch, capsys):
     clock = iter([10.0, 20.0, 25.0, 30.0, 32.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
     with progress.show_progress(1000) as tell:
@@ -110,21 +110,21 @@ class StartedThread:
     def join(self): ...
 
 
-def test_a_wait_without_a_terminal_is_a_line_every_ten_seconds(made_up_clock, capsys):
+def test_wait_without_terminal_prints_line_every_ten_seconds(made_up_clock, capsys):
     with progress.show_spinner("compiling own"):
         pass
     assert capsys.readouterr().err == "".join(f"compiling own: {s} s so far\n" for s in (10, 20, 30))
     assert set(made_up_clock.waits) == {10.0}
 
 
-def test_runs_that_take_long_are_a_line_every_ten_seconds(made_up_clock, capsys):
+def test_long_runs_print_line_every_ten_seconds(made_up_clock, capsys):
     with progress.show_progress(50) as tell:
         tell("flying", 0)
     assert capsys.readouterr().err == "".join(f"0 of 50, {s} s so far\n" for s in (10, 20, 30))
 
 
-def test_how_long_it_takes_is_said_by_what_is_done_and_comes_true(monkeypatch, capsys):
-    """400 pieces of 20 ms, told five at a time: what is left of 8 s is said after the first second."""
+def test_remaining_time_is_extrapolated_from_finished_runs(monkeypatch, capsys):
+    """400 pieces of 20 ms, reported five at a time: after the first second 7 of 8 s remain."""
     now = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     lines = progress._ProgressLines(400, lambda line: print(line, file=sys.stderr))
@@ -149,25 +149,25 @@ def fly_on_a_screen(total, monkeypatch):
             now[0] += 1.0
 
 
-def test_what_takes_hours_is_said_once_on_a_screen_too(monkeypatch, capsys):
+def test_duration_of_hours_is_printed_once_on_terminal(monkeypatch, capsys):
     fly_on_a_screen(86_400, monkeypatch)
     said = capsys.readouterr().err
     assert len(re.findall(r"flying: 2 of 86400, about 24\.0 h left on \d+ cores?", said)) == 1
     assert said.count(" left on ") == 1
 
 
-def test_what_takes_less_than_an_hour_leaves_no_line_on_a_screen(monkeypatch, capsys):
+def test_duration_below_one_hour_prints_no_line_on_terminal(monkeypatch, capsys):
     fly_on_a_screen(3500, monkeypatch)
     assert " left on " not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(89, "89 s"), (119, "119 s"), (180, "3 min"), (5401, "1.5 h")])
-def test_a_wait_is_said_in_what_people_count_in(seconds, text):
+def test_wait_is_formatted_in_readable_units(seconds, text):
     assert progress.format_wait(seconds) == text
 
 
 @pytest.mark.thorough
-def test_a_short_campaign_says_nothing_of_time_or_room(tmp_path):
+def test_short_campaign_prints_no_time_or_disk_estimate(tmp_path):
     words = ("campaign", "hovercraft/spin", "--set", "duration=1", "--runs", "70", "--store", str(tmp_path / "a.zarr"))
     done = CliRunner().invoke(main, words)
     assert done.exit_code == 0, done.output
@@ -175,8 +175,8 @@ def test_a_short_campaign_says_nothing_of_time_or_room(tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_disk_that_may_not_hold_the_rows_is_said_before_they_fly(tmp_path, monkeypatch):
-    """1000 rows of six numbers, two yes or no and that they are done: 51 bytes each; what is there counts no more."""
+def test_insufficient_disk_space_is_reported_before_campaign_runs(tmp_path, monkeypatch):
+    """1000 rows of 51 bytes: six numbers and three flags each. Stored rows are not counted again."""
     monkeypatch.setattr(progress.shutil, "disk_usage", lambda there: SimpleNamespace(free=50_000) if there else None)
     words = ("campaign", "hovercraft/spin", "--set", "duration=1", "--store", str(tmp_path / "a.zarr"), "--runs")
     said = "store: up to 51 kB more, but only 50 kB are free on the disk of"

@@ -1,4 +1,4 @@
-"""`trimtab replay`: exit codes, what is said, another estimator, and what is refused."""
+"""`trimtab replay`: exit codes, output, another estimator, and invalid choices."""
 
 import json
 import re
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compile
 
 
 def blind() -> Passthrough:
-    """An estimator from outside, which reads what the recorded one reads."""
+    """A user-defined estimator with the inputs of the recorded one."""
     return Passthrough("navigation")
 
 
@@ -44,7 +44,7 @@ def file(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def wrong(file):
-    """The same with the last bit of one number changed."""
+    """The log with the last bit of one number changed."""
     log = read_mcap(file)
     values = log["law.demand.FY"].copy()
     values[250] = np.nextafter(values[250], np.inf)
@@ -53,7 +53,7 @@ def wrong(file):
 
 
 @pytest.mark.thorough
-def test_a_run_that_comes_again_is_good(file):
+def test_identical_replay_exits_with_0(file):
     done = call(file)
     assert (done.exit_code, done.stdout) == (0, "400 steps repeated, identical bit for bit, by backend c\n")
     found = json.loads(call(file, "--json").stdout)
@@ -61,7 +61,7 @@ def test_a_run_that_comes_again_is_good(file):
     assert found["errors"]["yaw_rate"]["recorded"] == found["errors"]["yaw_rate"]["replayed"] > 0
 
 
-def test_one_that_does_not_ends_with_1_and_the_first_difference(wrong):
+def test_deviating_replay_exits_with_1_and_reports_first_difference(wrong):
     done = call(wrong)
     assert done.exit_code == 1
     assert "differs from 0.2500000 s on: law.demand.FY was" in done.stdout
@@ -73,7 +73,7 @@ def test_one_that_does_not_ends_with_1_and_the_first_difference(wrong):
 
 
 @pytest.mark.thorough
-def test_another_estimator_and_another_gain_are_flown_and_drawn(file, tmp_path):
+def test_replays_with_another_estimator_and_gain_and_plots(file, tmp_path):
     picture = tmp_path / "made" / "replay.png"
     done = call(file, "--with", f"estimator={__name__}:blind", "--with", "law.spinning.k2=5", "--plot", picture)
     assert done.exit_code == 0, done.output
@@ -82,7 +82,7 @@ def test_another_estimator_and_another_gain_are_flown_and_drawn(file, tmp_path):
     assert picture.stat().st_size > 5000
 
 
-def test_choices_are_those_of_the_scenario(file):
+def test_replacement_parts_are_the_choices_of_the_scenario(file):
     log = read_mcap(file)
     scenario = rebuild_scenario(log)
     coupled, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins-coupled"})
@@ -102,14 +102,14 @@ def test_choices_are_those_of_the_scenario(file):
         ("estimator=ins", r"reads sensor 'imu', but this flight has samples only of(.|\n)*--navigation ins"),
     ],
 )
-def test_what_does_not_fit_is_refused(file, choice, said):
+def test_rejects_unknown_replacement_parts(file, choice, said):
     done = call(file, "--with", choice)
     assert done.exit_code == 2
     assert re.search(said, done.stderr)
 
 
 def looking() -> Passthrough:
-    """An estimator alone, of a log that nobody flew here."""
+    """An estimator for the log of another program."""
     return Passthrough("scale")
 
 
@@ -122,7 +122,7 @@ def foreign(tmp_path):
     return write_mcap(log_samples(sensors, SampleSeries(ticks, {"weight": weight + 0.5})), tmp_path / "mine.mcap")
 
 
-def test_an_estimator_alone_needs_no_scenario(foreign, tmp_path):
+def test_estimator_replay_works_without_scenario(foreign, tmp_path):
     done = call(foreign, "--estimator", "commands.test_replay:looking", "--out", tmp_path / "out.mcap")
     assert done.exit_code == 0, done.output
     assert "50 steps, 50 valid" in done.stdout
@@ -136,7 +136,7 @@ def test_an_estimator_alone_needs_no_scenario(foreign, tmp_path):
     ("words", "fix"),
     [(("--estimator", "planar"), "module:factory"), (("--out", "x.mcap"), "--estimator")],
 )
-def test_an_estimator_alone_is_named_in_full(foreign, words, fix):
+def test_estimator_replay_requires_module_and_factory(foreign, words, fix):
     done = call(foreign, *words)
     assert done.exit_code == 2
     assert fix in done.output

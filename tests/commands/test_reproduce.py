@@ -1,4 +1,4 @@
-"""`trimtab reproduce`: what it prints, its exit codes and its JSON."""
+"""`trimtab reproduce`: output, exit codes and JSON."""
 
 import json
 
@@ -66,7 +66,7 @@ def call(*words):
     return CliRunner().invoke(main, ["reproduce", *(str(w) for w in words)])
 
 
-def test_without_a_study_they_are_listed():
+def test_without_arguments_studies_are_listed():
     done = call()
     assert done.exit_code == 0
     assert "hovercraft2006" in done.stdout
@@ -77,7 +77,7 @@ def test_without_a_study_they_are_listed():
 
 
 @pytest.mark.usefixtures("wide_screen")
-def test_a_group_of_the_real_study():
+def test_prints_one_group_of_hovercraft_study():
     done = call("hovercraft2006", "--only", "inertia")
     assert done.exit_code == 0, done.output
     for text in ("0.0952", "[1] table 4.2", "holds", "not reproduced", "rounded to two digits"):
@@ -99,7 +99,7 @@ def test_json_has_the_documented_keys():
 
 
 @pytest.mark.parametrize(("value", "code"), [(2.05, 0), (2.2, 1)])
-def test_exit_code_is_1_exactly_when_a_row_that_must_hold_fails(made_up, value, code):
+def test_exit_code_is_1_only_if_a_required_row_fails(made_up, value, code):
     made_up(value)
     table, result = call("somebody1999"), call("somebody1999", "--json")
     assert (table.exit_code, result.exit_code) == (code, code)
@@ -111,7 +111,7 @@ def test_exit_code_is_1_exactly_when_a_row_that_must_hold_fails(made_up, value, 
     assert f"{1 - code} of 3 rows confirm a value or statement of the publication" in table.stdout
 
 
-def test_out_draws_the_figures(made_up, tmp_path):
+def test_out_option_writes_the_figures(made_up, tmp_path):
     made_up(2.0)
     out = tmp_path / "new" / "pictures"
     done = call("somebody1999", "--out", out, "--json")
@@ -130,7 +130,7 @@ def test_out_draws_the_figures(made_up, tmp_path):
         (("hovercraft2006", "--out", "/dev/null/x"), ("--out", "/dev/null", "Fix")),
     ],
 )
-def test_refused_input(words, says):
+def test_invalid_arguments_are_rejected_with_fix(words, says):
     done = call(*words, "--json")
     assert done.exit_code == 2
     assert json.loads(done.stdout)["error"]["fix"]

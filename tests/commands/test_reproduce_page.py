@@ -1,4 +1,4 @@
-"""The page of `trimtab reproduce --report`: all inside, nothing unescaped, errata of the study."""
+"""The page of `trimtab reproduce --report`: self-contained, escaped, with the errata of the study."""
 
 import base64
 import json
@@ -65,7 +65,7 @@ def page(tmp_path):
     return build_page("A <study> & more", [(GROUP, ROWS)], SUMMARY, {"first-group": [picture]}, ERRATA, about)
 
 
-def test_all_that_is_said_is_there_and_nothing_of_it_is_markup(page):
+def test_page_contains_all_text_with_markup_escaped(page):
     found = Elements(page)
     text = " ".join(found.text)
     for words in (
@@ -81,7 +81,7 @@ def test_all_that_is_said_is_there_and_nothing_of_it_is_markup(page):
         assert words in text
 
 
-def test_nothing_outside_the_file_is_needed(page):
+def test_page_is_self_contained(page):
     found = Elements(page)
     (picture,) = [attrs for tag, attrs in found.tags if tag == "img"]
     kind, data = picture["src"].split(",")
@@ -95,12 +95,12 @@ def test_nothing_outside_the_file_is_needed(page):
     assert not re.search(r"url\(|@import|<link", page)
 
 
-def test_lines_show_their_verdicts(page):
+def test_rows_have_the_class_of_their_verdict(page):
     kinds = [attrs.get("class") for tag, attrs in Elements(page).tags if tag == "tr"]
     assert [k for k in kinds if k] == ["holds", "not-reproduced", "differs"]
 
 
-def test_errata_are_those_of_the_study(tmp_path):
+def test_page_contains_errata_of_its_study(tmp_path):
     assert read_errata(find_study("hypersonic2022")).startswith("# Errata of the hypersonic vehicle")
     assert "hypersonic" not in read_errata(find_study("hovercraft2006")).splitlines()[0]
     own = tmp_path / "somebody1999"
@@ -109,7 +109,7 @@ def test_errata_are_those_of_the_study(tmp_path):
     assert read_errata(own) == "# Mine\n"
 
 
-def test_environment_tells_versions_and_no_place_of_this_machine():
+def test_environment_lists_versions_without_local_paths():
     found = describe_environment(["reproduce", "hypersonic2022", "--report", "my page"], "2026-01-01 00:00 UTC", 12.3)
     assert found["command"] == "trimtab reproduce hypersonic2022 --report 'my page'"
     assert {"jax", "numpy", "scipy", "Python", "system"} <= set(found)
@@ -117,7 +117,7 @@ def test_environment_tells_versions_and_no_place_of_this_machine():
 
 
 @pytest.mark.thorough
-def test_a_group_of_a_real_study_becomes_a_small_page(tmp_path):
+def test_group_of_real_study_produces_small_page(tmp_path):
     words = ["reproduce", "hypersonic2022", "--only", "printed-matrices", "--report", str(tmp_path / "new"), "--json"]
     done = CliRunner().invoke(main, words)
     assert done.exit_code == 0, done.output
@@ -132,7 +132,7 @@ def test_a_group_of_a_real_study_becomes_a_small_page(tmp_path):
     assert len(text) < 200_000
 
 
-def test_a_report_that_cannot_be_written_is_refused_before_anything_runs():
+def test_rejects_unwritable_report_before_study_runs():
     done = CliRunner().invoke(main, ["reproduce", "hypersonic2022", "--report", "/dev/null/x"])
     assert done.exit_code == 2
     assert "--report" in done.stderr

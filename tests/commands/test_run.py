@@ -1,4 +1,4 @@
-"""`trimtab run` of a scenario whose estimate knows its sigmas: verdict printed, in --json, and drawn."""
+"""`trimtab run`: consistency verdict of an estimate with sigmas, requirements, monitors and log sizes."""
 
 import json
 import re
@@ -78,7 +78,7 @@ def call(*words):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("sigma", "verdict"), [(0.005, "pessimistic"), (0.01, "consistent"), (0.02, "optimistic")])
-def test_json_says_the_verdict(boat, sigma, verdict):
+def test_json_reports_consistency_verdict(boat, sigma, verdict):
     words = ("--no-ideal", "--json", "--set", f"autopilot.estimator.sigma={sigma}", "--backend", "jax")
     found = json.loads(call(boat, *words))["navigation"]
     assert found["verdict"] == verdict
@@ -90,7 +90,7 @@ def test_json_says_the_verdict(boat, sigma, verdict):
 
 
 @pytest.mark.thorough
-def test_table_and_second_picture(boat, tmp_path, wide_screen):
+def test_prints_navigation_table_and_writes_navigation_plot(boat, tmp_path, wide_screen):
     text = call(boat, "--no-ideal", "--plot", tmp_path / "flight.png", "--backend", "jax")
     assert "heading innovations" in text
     assert "navigation: consistent" in text
@@ -100,8 +100,8 @@ def test_table_and_second_picture(boat, tmp_path, wide_screen):
 
 
 @pytest.mark.thorough
-def test_a_run_too_short_for_an_estimate_ends_with_its_pictures(boat, tmp_path):
-    """Its sensor's samples come after 60 ms of Bluetooth: no estimate becomes valid in 30 ms."""
+def test_run_too_short_for_valid_estimate_still_writes_plots(boat, tmp_path):
+    """Samples arrive after 60 ms over Bluetooth, so no estimate becomes valid within 30 ms."""
     (tmp_path / "boat.py").write_text(BOAT.replace("downlink=Wire()", "downlink=made.world.downlink"))
     words = ("--no-ideal", "--duration", "30 ms", "--out", tmp_path / "out", "--backend", "jax")
     call(boat, *words)
@@ -109,13 +109,13 @@ def test_a_run_too_short_for_an_estimate_ends_with_its_pictures(boat, tmp_path):
 
 
 @pytest.mark.thorough
-def test_other_scenarios_say_nothing_of_navigation(tmp_path, monkeypatch):
+def test_scenario_without_sigmas_reports_no_navigation(tmp_path, monkeypatch):
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path))
     assert "navigation" not in json.loads(call("hovercraft/spin", "--duration", "0.2", "--no-ideal", "--json"))
 
 
 @pytest.mark.thorough
-def test_a_scenario_without_a_choice_of_navigation_says_so():
+def test_rejects_navigation_option_for_scenario_without_choices():
     done = CliRunner().invoke(main, ["run", "navigation/platform-encoder", "--navigation", "ins"])
     assert done.exit_code == 2
     for text in ("error: --navigation:", "hovercraft/spin", "trimtab list navigation/platform-encoder"):
@@ -127,7 +127,7 @@ KEPT = "always[1 s, 2 s](abs(truth.yaw_rate) < 100 rad/s)"
 BROKEN = "always(abs(truth.surge_velocity) < 1 mm/s)"
 
 
-def test_what_is_required_is_told_and_decides_the_exit_code():
+def test_requirements_are_reported_and_decide_the_exit_code():
     def run(*words):
         return CliRunner().invoke(main, ["run", "hovercraft/zero-velocity", "--duration", "2 s", "--no-ideal", *words])
 
@@ -153,7 +153,7 @@ def test_what_is_required_is_told_and_decides_the_exit_code():
 
 
 @pytest.mark.thorough
-def test_what_a_monitor_said_stands_below_the_table():
+def test_monitor_verdict_is_printed_below_the_table():
     monitor = "autopilot.monitor.formulas=quick: eventually(estimate.state.surge_velocity > 100 m/s)"
     command = ["run", "hovercraft/zero-velocity", "--duration", "1 s", "--no-ideal", "--set", monitor]
     done = CliRunner().invoke(main, command)
@@ -162,7 +162,7 @@ def test_what_a_monitor_said_stands_below_the_table():
 
 
 @pytest.mark.thorough
-def test_the_size_of_large_logs_is_said_before_they_are_written(tmp_path):
+def test_size_of_large_log_is_printed_before_writing(tmp_path):
     words = ["run", "hovercraft/zero-velocity", "--duration", "25", "--out", str(tmp_path), "--json"]
     done = CliRunner().invoke(main, words)
     said = re.findall(r"^log: about (\d+) MB$", done.stderr, re.MULTILINE)
@@ -173,7 +173,7 @@ def test_the_size_of_large_logs_is_said_before_they_are_written(tmp_path):
 
 
 @pytest.mark.thorough
-def test_that_of_small_ones_is_not(tmp_path):
+def test_size_of_small_log_is_not_printed(tmp_path):
     done = CliRunner().invoke(main, ["run", "hovercraft/spin", "--duration", "1", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert "log: about" not in done.output

@@ -1,4 +1,4 @@
-"""`trimtab trim`, `linearise` and `zeros`: points by words, tables, files, and refusals that say what to type."""
+"""`trimtab trim`, `linearise` and `zeros`: conditions by name, tables, files, and invalid arguments."""
 
 import json
 from pathlib import Path
@@ -47,8 +47,8 @@ def data(*words, code=0):
 
 
 @pytest.mark.thorough
-def test_a_turn_with_friction_by_words():
-    """Conditions by name, units, a state that is free, a place that moves."""
+def test_trims_turn_with_friction_from_named_conditions():
+    """Conditions by name and unit, a free state, a moving position."""
     friction = (
         "--set",
         "world.vehicle.friction.force_viscous=0.8",
@@ -68,14 +68,14 @@ def test_a_turn_with_friction_by_words():
 
 
 @pytest.mark.thorough
-def test_there_is_none_and_it_says_why():
+def test_missing_trim_is_reported_with_reason():
     done = call("trim", "hovercraft/forward", "--at", "surge_velocity=1", "--at", "yaw_rate=0.2")
     assert done.exit_code == 1
     assert "NO trim" in done.output
     assert "sway_velocity'" in done.output
 
 
-def test_rates_bounds_and_what_may_be_anything(own):
+def test_accepts_rates_bounds_and_unconstrained_rates(own):
     found = data("trim", own, "--at", "v'=0.5", "--at", "x'=any", "--at", "v=2", "--at", "x=0", "--at", "F=-100..100")
     assert found["inputs"]["F"] == pytest.approx(8.5)
     bound = data("trim", own, "--at", "v=0", "--at", "x=2", "--at", "F=0..1", code=1)
@@ -83,7 +83,7 @@ def test_rates_bounds_and_what_may_be_anything(own):
 
 
 @pytest.mark.thorough
-def test_poles_of_a_cart_and_its_file(tmp_path):
+def test_linearise_gives_poles_of_cart_and_writes_file(tmp_path):
     file = tmp_path / "model.json"
     found = data("linearise", CART, "--out", file)
     fast = max(m["pole"][0] for m in found["modes"])
@@ -98,8 +98,8 @@ def test_poles_of_a_cart_and_its_file(tmp_path):
 
 
 @pytest.mark.thorough
-def test_zeros_of_the_cart():
-    """Cart from force: the pole runs away at sqrt(g/l). Source: any book."""
+def test_zeros_of_cart_match_analytic_value():
+    """Zeros from force to position lie at plus and minus sqrt(g/l). Source: textbooks on the inverted pendulum."""
     found = data("zeros", CART, "--output", "position")
     assert found["verdict"] == "non-minimum phase"
     assert sorted(z["zero"][0] for z in found["zeros"]) == pytest.approx(
@@ -111,14 +111,14 @@ def test_zeros_of_the_cart():
 
 
 @pytest.mark.thorough
-def test_the_hypersonic_vehicle_by_name():
+def test_zeros_of_hypersonic_vehicle_are_non_minimum_phase():
     text = call("zeros", "hypersonic", "--output", "h", "--output", "V").output
     assert "RIGHT: non-minimum phase" in text
     assert "+3.2894" in text
 
 
 @pytest.mark.thorough
-def test_the_loop_of_the_cart(tmp_path):
+def test_closed_loop_of_cart_reports_stability_and_delay_margin(tmp_path):
     picture = tmp_path / "bode.png"
     found = data("linearise", CART, "--closed-loop", "--plot", picture)
     assert picture.stat().st_size > 5000
@@ -132,7 +132,7 @@ def test_the_loop_of_the_cart(tmp_path):
 
 
 @pytest.mark.thorough
-def test_refusals_say_what_to_type(own):
+def test_invalid_arguments_are_rejected_with_command_to_type(own):
     for words, wanted in (
         (("trim", "hovercraft/forwrd"), "trimtab trim hovercraft/forward"),
         (("trim", CART, "--at", "leen=1"), "--at lean=1"),
@@ -155,15 +155,15 @@ def test_refusals_say_what_to_type(own):
 
 
 @pytest.mark.thorough
-def test_a_boat_without_a_place_is_at_rest_only_where_its_velocities_are_zero():
+def test_boat_without_position_is_at_rest_only_at_zero_velocity():
     boat = str(Path(__file__).parents[2] / "examples" / "my_boat.py")
     assert "\nat rest\n" in call("trim", boat, "--at", "surge_velocity=0").output
     assert "in steady motion at surge_velocity 1 m/s" in call("trim", boat, "--at", "surge_velocity=1").output
 
 
 @pytest.mark.thorough
-def test_a_quadrotor_hovers_unless_a_motion_is_asked_for():
-    """Its lift is its weight, and from rotors that stand it does not begin to fall. Weight: 4.34 kg by 9.81 m/s^2."""
+def test_quadrotor_trim_defaults_to_hover():
+    """Lift equals weight, 4.34 kg by 9.81 m/s^2, though the search starts from rotors at rest."""
     plant = load_plant("quadrotor/track")
     point = find_point(plant, ())
     hover = dict(zip((*plant.model.states, *plant.model.inputs), (*point.x, *point.u), strict=True))
@@ -173,7 +173,7 @@ def test_a_quadrotor_hovers_unless_a_motion_is_asked_for():
 
 
 @pytest.mark.thorough
-def test_at_rest_what_has_no_slope_is_left_out_and_refused_where_asked_for():
+def test_outputs_without_slope_at_rest_are_omitted_or_rejected():
     plant = load_plant("quadrotor/track")
     point = find_point(plant, ())
     model = smooth_model(plant, point)
@@ -183,8 +183,8 @@ def test_at_rest_what_has_no_slope_is_left_out_and_refused_where_asked_for():
 
 
 @pytest.mark.thorough
-def test_a_quadrotor_moves_on_where_that_is_asked_for():
-    """Drag of 0.3 N s/m across tilts it, by drag over weight; it neither falls nor climbs to speak of."""
+def test_quadrotor_trim_at_requested_forward_speed():
+    """The pitch angle is drag over weight, at a drag of 0.3 N s/m."""
     plant = load_plant("quadrotor/track")
     point = find_point(plant, ("velocity.forward=1", "velocity.starboard=0", "velocity.down=0"))
     flown = dict(zip(plant.model.states, point.x, strict=True))
@@ -192,7 +192,7 @@ def test_a_quadrotor_moves_on_where_that_is_asked_for():
 
 
 @pytest.mark.thorough
-def test_a_servo_in_the_state_and_its_command_have_two_names():
+def test_servo_state_and_servo_command_have_distinct_names():
     done = call("trim", "vessel/path", "--at", "surge_velocity=0.5", "--at", "u.rudder=free", "--at", "heading=0.5")
     assert done.exit_code == 0, done.output
     assert "u.rudder" in done.output
@@ -239,8 +239,8 @@ class Glider:
 
 
 @pytest.mark.thorough
-def test_what_can_t_rest_flies_level_at_the_start_s_speed_height_and_course():
-    """A dive in a bank is no trim; level at 50 m/s drag takes 2.5 m/s^2 of thrust, and weight is lift."""
+def test_glider_trim_defaults_to_level_flight_at_initial_speed():
+    """The initial banked dive is not a trim. At 50 m/s thrust over mass is 2.5 m/s^2, and lift equals weight."""
     plant = plant_of_vehicle("glider", Glider(), GliderState(), GliderControls(lift=9.81))
     point = find_point(plant, ()).require_trim()
     assert dict(point.taken) == {"V": 50.0, "course": 0.3, "gamma": 0.0, "bank": 0.0}
@@ -253,14 +253,14 @@ def test_what_can_t_rest_flies_level_at_the_start_s_speed_height_and_course():
     assert find_point(plant, ("V=40", "bank=0", "course=0", "gamma=0")).taken == {}
 
 
-def test_of_what_stands_nothing_is_taken():
+def test_zero_initial_speed_is_not_assumed_in_trim():
     plant = plant_of_vehicle("glider", Glider(), replace(GliderState(), V=0.0), GliderControls(0.0, 9.81, 0.0))
     assert "V" not in find_point(plant, ("V=30",)).taken
 
 
 @pytest.mark.thorough
-def test_what_is_carried_along_a_path_rests_where_its_rate_is_zero():
-    """Velocity and attitude record its motion: as fast as you like they would leave every equation zero."""
+def test_vehicle_on_prescribed_path_rests_at_zero_rate():
+    """Velocity and attitude only record the motion, so the trim must set them to zero."""
     plant = load_plant("navigation/aerial")
     point = find_point(plant, ()).require_trim()
     x = dict(zip(plant.model.states, point.x, strict=True))
@@ -275,15 +275,15 @@ def test_what_is_carried_along_a_path_rests_where_its_rate_is_zero():
 
 
 @pytest.mark.thorough
-def test_several_vehicles_together_have_a_trim():
+def test_swarm_has_a_trim_at_rest():
     point = find_point(load_plant("swarm/formation"), ()).require_trim()
     assert point.taken == {}
     assert not point.x[:15].any(), "all fifteen velocities"
 
 
 @pytest.mark.thorough
-def test_the_f16_of_a_dive_is_trimmed_level():
-    """As its gains' own trim, which names what is free; the table says what was taken."""
+def test_f16_is_trimmed_in_level_flight():
+    """The point equals the trim of the gain file. The table lists the assumed values."""
     from trimtab.scenarios.f16._gains import level_flight
     from trimtab.vehicles.f16_flat_earth import F16FlatEarth
     from trimtab.vehicles.imperial import FOOT

@@ -1,4 +1,4 @@
-"""What `trimtab vehicle` writes and reads of a log, and the watchdog's time that it refuses."""
+"""`trimtab vehicle`: written logs, the summary from a log, and the shortest watchdog time."""
 
 import numpy as np
 import pytest
@@ -13,13 +13,13 @@ from trimtab.logs.mcap import write_mcap
 from trimtab.logs.metrics import Target
 
 
-def test_a_watchdog_shorter_than_a_few_heartbeats_is_refused():
+def test_rejects_watchdog_shorter_than_a_few_heartbeats():
     assert vehicle._parse_watchdog("50 ms") == ms(50)
     with pytest.raises(InputError, match="heartbeats"):
         vehicle._parse_watchdog("10 ms")
 
 
-def test_no_log_and_one_that_is_too_long_are_not_read(tmp_path):
+def test_missing_or_too_large_log_is_not_summarised(tmp_path):
     long = tmp_path / "vehicle.mcap"
     with long.open("wb") as file:
         file.truncate(flight_summary.MOST_SUMMARISED + 1)  # a hole: reading it would be refused, for it is no log
@@ -27,7 +27,7 @@ def test_no_log_and_one_that_is_too_long_are_not_read(tmp_path):
     assert flight_summary.summarise_truth(long, 0, ()) == {"real": None}
 
 
-def test_the_summary_is_of_the_flight_whenever_the_vehicle_is_ended_afterwards(tmp_path):
+def test_summary_excludes_time_after_disarming(tmp_path):
     ticks = np.arange(0, 60) * seconds(1)
     speed = np.where(ticks < seconds(30), 1.0, 7.0)  # what it does once it is disarmed
     log = Log(to_seconds(ticks), ticks, {"truth.surge_velocity": speed}, {}, {}, {"truth.surge_velocity": 7.0})
@@ -41,7 +41,7 @@ def test_the_summary_is_of_the_flight_whenever_the_vehicle_is_ended_afterwards(t
     assert whole["final"]["surge_velocity"] == 7.0
 
 
-def test_a_flight_is_assessed_by_its_estimates_from_arming(tmp_path):
+def test_flight_is_assessed_from_estimates_since_arming(tmp_path):
     ticks = np.arange(0, 60) * seconds(1)
     speed = np.where(ticks < seconds(20), 0.0, 1.02)
     log = Log(to_seconds(ticks), ticks, {"estimate.state.surge_velocity": speed})
@@ -53,7 +53,7 @@ def test_a_flight_is_assessed_by_its_estimates_from_arming(tmp_path):
     assert missed["says"] == "not at rest: surge_velocity ends at 1.02, wanted 0 within 0.1"
 
 
-def test_a_flight_that_cannot_be_assessed_says_why(tmp_path):
+def test_flight_without_assessment_reports_reason(tmp_path):
     ticks = np.arange(0, 3) * seconds(1)
     file = write_mcap(Log(to_seconds(ticks), ticks, {"law.mode": np.zeros(3)}), tmp_path / "flight.mcap")
     empty = tmp_path / "empty.mcap"
@@ -66,7 +66,7 @@ def test_a_flight_that_cannot_be_assessed_says_why(tmp_path):
     assert flight_summary.assess_estimate(file, 0, []) == "the scenario has no targets"
 
 
-def test_a_console_passes_on_what_its_vehicle_refused_with_that_fix_alone(tmp_path):
+def test_console_passes_on_error_and_fix_of_its_vehicle(tmp_path):
     store = tmp_path / "hovercraft.key.time"
     first = Stamps(store)
     with pytest.raises(InputError) as refused:
@@ -82,8 +82,8 @@ def test_a_console_passes_on_what_its_vehicle_refused_with_that_fix_alone(tmp_pa
 
 @pytest.mark.real_time
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_without_a_folder_nothing_is_written(tmp_path, monkeypatch):
-    """The vehicle's log of 191 kB/s had lain in the temporary folder."""
+def test_vehicle_without_out_folder_writes_no_log(tmp_path, monkeypatch):
+    """Earlier the vehicle wrote a log of 191 kB/s to the temporary folder."""
     from flight.pair import Program, make_key
 
     make_key(tmp_path)

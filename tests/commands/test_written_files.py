@@ -1,4 +1,4 @@
-"""A file that trimtab did not write is never replaced, whichever verb is told to write there."""
+"""No verb overwrites a file that trimtab did not write."""
 
 from pathlib import Path
 
@@ -54,7 +54,7 @@ def call(*words):
 
 
 @pytest.mark.parametrize(("words", "name"), WRITES.values(), ids=WRITES)
-def test_a_file_of_ones_own_stays_as_it_is(words, name):
+def test_foreign_file_is_never_overwritten(words, name):
     Path(name).write_bytes(MINE)
     done = call(*words)
     assert done.exit_code == 2, done.output
@@ -66,7 +66,7 @@ def test_a_file_of_ones_own_stays_as_it_is(words, name):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("words", [("export", SPIN), ("firmware", "hovercraft/forward")], ids=SLOW)
-def test_an_exported_folder_leaves_ones_own_files(words, tmp_path, monkeypatch):
+def test_export_into_existing_folder_keeps_foreign_files(words, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     more = ("--steps", "50") if words[0] == "export" else ()
     assert call(*words, *more, "--out", "board").exit_code == 0
@@ -84,7 +84,7 @@ def test_an_exported_folder_leaves_ones_own_files(words, tmp_path, monkeypatch):
 
 
 @pytest.mark.thorough
-def test_what_trimtab_wrote_is_replaced_until_somebody_edits_it():
+def test_own_output_is_overwritten_unless_edited():
     words = ("trim", "hovercraft/forward", "--at", "surge_velocity=1", "--at", "yaw_rate=0", "--out", "point.json")
     assert call(*words).exit_code == 0
     assert call(*words, "--json").exit_code == 0
@@ -98,7 +98,7 @@ def test_what_trimtab_wrote_is_replaced_until_somebody_edits_it():
     assert Path("point.json").read_text() == text
 
 
-def test_a_file_is_known_by_its_place_and_its_content():
+def test_written_file_is_recognised_by_path_and_content():
     Path("a.txt").write_text("one")
     Path("b.txt").write_text("one")
     note_written(["a.txt"])
@@ -110,7 +110,7 @@ def test_a_file_is_known_by_its_place_and_its_content():
     check_new_in("--out", Path(), "a.*")
 
 
-def test_files_are_placed_all_or_none(tmp_path):
+def test_files_are_placed_all_or_not_at_all(tmp_path):
     scratch, folder = tmp_path / "scratch", tmp_path / "folder"
     for where in (scratch / "sub", folder):
         where.mkdir(parents=True)
@@ -126,7 +126,7 @@ def test_files_are_placed_all_or_none(tmp_path):
     check_new("--out", folder / "a.c")
 
 
-def test_without_a_cache_nothing_is_replaced(monkeypatch, tmp_path):
+def test_without_cache_no_file_is_overwritten(monkeypatch, tmp_path):
     (tmp_path / "no-folder").write_text("")
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "no-folder"))
     Path("a.txt").write_text("one")

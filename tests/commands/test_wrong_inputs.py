@@ -1,4 +1,4 @@
-"""A hundred wrong inputs: each is answered in words with what to type, and nothing is lost or left behind."""
+"""A hundred wrong inputs: each is rejected with a fix, and no file is changed or left behind."""
 
 import json
 import shlex
@@ -50,25 +50,25 @@ def check_answer(line, words, here):
     assert read_files(here) == OWN
 
 
-def test_there_are_a_hundred():
+def test_at_least_hundred_wrong_inputs_are_listed():
     assert len(CASES) >= 100
 
 
 @pytest.mark.parametrize(("line", "words"), CASES[::QUICK], ids=[line for line, _ in CASES[::QUICK]])
-def test_a_wrong_input_is_answered(line, words, here):
+def test_wrong_input_is_rejected_with_fix(line, words, here):
     check_answer(line, words, here)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("line", "words"), CASES, ids=[line for line, _ in CASES])
-def test_every_wrong_input_is_answered(line, words, here):
+def test_every_wrong_input_is_rejected_with_fix(line, words, here):
     check_answer(line, words, here)
 
 
 @pytest.mark.parametrize(
     "line", ["run hovercraft/spinn --json", "run --json", "rum --json", "run hovercraft/spin --plto x --json"]
 )
-def test_what_is_refused_is_an_object_with_json(line):
+def test_json_error_is_an_object_with_fix(line):
     done = CliRunner().invoke(main, shlex.split(line))
     assert done.exit_code == 2
     error = json.loads(done.stdout)["error"]

@@ -1,4 +1,4 @@
-"""Every part that steps does so as the loop needs it: pure, finite, of stable structure, compiled and in batches."""
+"""Contracts of every block: step is pure, finite, of stable structure, compilable and batchable."""
 
 import functools
 import os
@@ -71,7 +71,7 @@ def _alone(folder, cls):
 
 
 @pytest.mark.parametrize(("folder", "cls"), QUICK)
-def test_state_keeps_its_structure(folder, cls):
+def test_block_state_keeps_its_structure(folder, cls):
     checks.assert_stable(_traced(folder, cls))
 
 
@@ -89,7 +89,7 @@ def test_output_is_finite(folder, cls):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("folder", "cls"), BLOCKS)
-def test_compiled_is_the_same_as_step_by_step(folder, cls):
+def test_compiled_rollout_equals_single_steps(folder, cls):
     one = made(cls)
     given = _example(folder, cls)
     state = parts.first_state(folder, one, given, 1)
@@ -103,7 +103,7 @@ def test_compiled_is_the_same_as_step_by_step(folder, cls):
     ("folder", "cls"),
     mark_thorough(BLOCKS, lambda _, cls: cls.__name__ not in BATCHED),
 )
-def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
+def test_batched_rollout_equals_single_runs(folder, cls):
     """Over a batch of keys and of parameters at once: every quantity has a leading axis."""
     one = made(cls)
     given = _example(folder, cls)
@@ -117,7 +117,7 @@ def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize(("folder", "cls"), BLOCKS)
-def test_its_c_computes_the_same(folder, cls):
+def test_generated_c_equals_jax(folder, cls):
     """Exportable: the generator writes C for it, and the C gives what JAX gives."""
     one = made(cls)
     given = _example(folder, cls)
@@ -132,7 +132,7 @@ def sensors(late):
 
 
 @pytest.mark.parametrize(("folder", "cls"), mark_thorough(sensors(late=False), is_long))
-def test_sensor_says_now_and_gives_what_measure_gives(folder, cls):
+def test_sensor_timestamps_are_current_and_values_match_measure(folder, cls):
     one = made(cls)
     _, samples = _alone(folder, cls)[0]
     np.testing.assert_array_equal(samples.t, np.arange(STEPS) * one.period)
@@ -144,7 +144,7 @@ def test_sensor_says_now_and_gives_what_measure_gives(folder, cls):
 
 
 @pytest.mark.parametrize(("folder", "cls"), mark_thorough(sensors(late=True), is_long))
-def test_late_sensor_says_when_it_measured_and_gives_what_measure_gives(folder, cls):
+def test_delayed_sensor_reports_measurement_time_and_matches_measure(folder, cls):
     """Nothing from the future; fresh when it comes out, once; as old as it says. Two seconds, 10 ms a step."""
     one = replace(made(cls), period=ms(10))
     _, samples = jax.jit(lambda one: rollout(folder, one, example(folder, one), 0, 200))(one)
@@ -177,7 +177,7 @@ def _channel(cls):
 
 
 @pytest.mark.parametrize(("folder", "cls"), mark_thorough(every(blocks, ("links",)), is_long))
-def test_channel_gives_what_was_sent_at_the_time_it_says(folder, cls):
+def test_channel_delivers_sent_samples_with_correct_time(folder, cls):
     """Nothing from the future, nothing altered; the age is the time since the measurement."""
     n, out, _ = _channel(cls)
     now = np.arange(n) * made(cls).period
@@ -195,14 +195,14 @@ def test_channel_gives_what_was_sent_at_the_time_it_says(folder, cls):
 
 
 @pytest.mark.parametrize(("folder", "cls"), mark_thorough(every(blocks, ("links",)), is_long))
-def test_channel_is_not_valid_before_a_valid_sample(folder, cls):
+def test_channel_is_invalid_before_first_valid_sample(folder, cls):
     _, _, out = _channel(cls)
     assert not np.asarray(out.valid).any()
     checks.assert_finite(out)
 
 
 @pytest.mark.parametrize(("folder", "cls"), mark_thorough(every(blocks, ("laws",)), is_long))
-def test_law_gives_a_demand_and_reads_only_what_it_says(folder, cls):
+def test_law_outputs_demand_and_reads_only_declared_states(folder, cls):
     one = made(cls)
     _, out = _alone(folder, cls)[0]
     assert hasattr(out, "demand")
@@ -239,7 +239,7 @@ def test_each_imperfection_can_be_switched_off(folder, cls):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("cls", [pytest.param(c, id=c.__name__) for c in parts.vehicles()])
-def test_vehicle_is_pure_finite_differentiable_and_batches(cls):
+def test_vehicle_is_pure_finite_differentiable_and_batchable(cls):
     one = made(cls)
     state = next(
         f for f in parts.states()[1:] if type(f(np.int64(0))) is parts.typing.get_type_hints(cls.dynamics)["x"]
@@ -291,7 +291,7 @@ class _Impure(_Counter):
         return state, new_sample(t, parts.planar_state(t + self.calls))
 
 
-def test_the_contracts_find_what_they_are_for():
+def test_contract_checks_detect_violations():
     """A good block passes; a state that changes type, an impure step and a NaN do not."""
     checks.assert_stable(checks.trace("sensors", _Counter()))
     checks.assert_pure(*(checks.trace("sensors", _Counter()) for _ in range(2)))

@@ -1,4 +1,4 @@
-"""Names: a class exists once in the package, and a function is a verb or a noun, never a participle."""
+"""Names: class names are unique in the package, and a function's name is not a participle."""
 
 import ast
 from collections import defaultdict
@@ -32,7 +32,7 @@ def definitions():
     return [(name, node) for name, tree in trees.items() for node in read_statements(tree) if isinstance(node, kinds)]
 
 
-def test_a_class_name_exists_once():
+def test_class_names_are_unique():
     places = defaultdict(list)
     for module, node in definitions():
         if isinstance(node, ast.ClassDef):
@@ -45,7 +45,7 @@ def test_no_participle_names_a_function():
     assert [f"{module}: {name}" for module, name in functions if is_participle(name)] == []
 
 
-def test_the_rule_for_names():
+def test_participle_rule_classifies_example_names():
     assert [
         name for name in ("told", "_drawn", "made_of", "flown", "sampled", "kept_in") if not is_participle(name)
     ] == []

@@ -1,4 +1,4 @@
-"""One grammar: an option means one thing wherever it stands, and stands wherever it makes sense."""
+"""Command line options: each has one meaning in all verbs, and applicable options are in every verb."""
 
 from collections import defaultdict
 
@@ -50,12 +50,12 @@ def group_meanings(verbs):
     return meanings
 
 
-def test_an_option_has_one_meaning_in_all_verbs():
+def test_option_has_one_meaning_in_all_verbs():
     several = {name: dict(of) for name, of in group_meanings(read_verbs()).items() if len(of) > 1}
     assert several == {}
 
 
-def test_every_option_says_what_it_is():
+def test_every_option_has_a_help_text():
     verbs = read_verbs()
     mute = [
         f"{v} {name}" for v, c in verbs.items() for name, o in read_options(c).items() if not (o.help or "").strip()
@@ -76,21 +76,21 @@ def test_every_option_says_what_it_is():
     ],
     ids=lambda value: value[0],
 )
-def test_an_option_is_wherever_it_makes_sense(wanted, verbs):
+def test_verbs_have_all_applicable_options(wanted, verbs):
     known = read_verbs()
     assert [f"{v} {name}" for v in verbs for name in wanted if name not in read_options(known[v])] == []
 
 
-def test_every_verb_answers_in_json():
+def test_every_verb_has_json_option():
     assert [v for v, c in read_verbs().items() if "--json" not in read_options(c) and v not in TALKS] == []
 
 
-def test_who_writes_can_be_told_to_overwrite():
+def test_every_writing_verb_has_overwrite_option():
     writes = {v: read_options(c) for v, c in read_verbs().items() if {"--out", "--plot"} & set(read_options(c))}
     assert [v for v, options in writes.items() if "--overwrite" not in options] == []
 
 
-def test_the_rule_finds_two_meanings():
+def test_rule_detects_different_meanings_of_one_option():
     one = click.Command("one", params=[click.Option(["--only"], help="Only this.")])
     two = click.Command("two", params=[click.Option(["--only"], is_flag=True, help="Only this.")])
     three = click.Command("three", params=[click.Option(["--only"], help="Number of them.")])

@@ -96,7 +96,7 @@ def test_unclear_phrases_become_fewer(where: str, name: str) -> None:
     assert found == limit, f"{name}: only {found} in {where}. Lower the limit of {limit}"
 
 
-def test_finds_phrases_and_first_words() -> None:
+def test_counts_unclear_phrases_and_first_words() -> None:
     text = '"""What flies."""\nA = 1  # nobody is told\n"""Of the law."""\ndef f():\n    """Return it."""\n'
     words, docstrings = read_words(text, ast.parse(text))
     assert count_phrases([*words, "-1 is no number", "it is no longer valid"]) == Counter(told=1, **{"is no": 1})

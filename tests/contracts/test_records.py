@@ -1,4 +1,4 @@
-"""Every public record of the part folders says what it is, and has its test and its page."""
+"""Every public record of the part folders is documented, tested and on a page."""
 
 import re
 from pathlib import Path
@@ -27,7 +27,7 @@ def _text(path):
 
 @pytest.mark.parametrize(("folder", "module"), every(modules, FOLDERS_WITH_TESTS))
 def test_module_has_a_test_file(folder, module):
-    """Its own, or, for what only serves its neighbours, one of theirs that imports it."""
+    """A module has its own test file, or a test of its folder imports it."""
     _, *families, name = module.__name__.split(".")
     path = ROOT.joinpath("tests", *families, f"test_{name}.py")
     neighbours = "".join(_text(p) for p in sorted(ROOT.joinpath("tests", *folder.split(".")).rglob("test_*.py")))
@@ -35,7 +35,7 @@ def test_module_has_a_test_file(folder, module):
 
 
 @pytest.mark.parametrize("folder", FLYING)
-def test_what_flies_is_on_a_page(folder):
+def test_every_block_and_vehicle_is_on_a_page(folder):
     """Each block and each vehicle is named on a page of its folder, or of the vehicle that it is for."""
     pages = [p for where in (folder, "vehicles") for p in sorted((ROOT / "docs" / where).rglob("*.md"))]
     words = set(re.findall(r"\w+", "".join(_text(p) for p in pages)))
@@ -44,12 +44,12 @@ def test_what_flies_is_on_a_page(folder):
 
 
 def test_folders_are_not_empty():
-    """A walk that finds nothing would pass everything."""
+    """A search that finds no module would pass every test."""
     assert [cls.__name__ for cls in records("vehicles")].count("Hovercraft") == 1
     assert all(modules(folder) for folder in FOLDERS)
 
 
-def test_a_record_without_source_is_found():
+def test_detects_record_without_source():
     @record
     class Silent:
         """Says nothing."""
@@ -61,7 +61,7 @@ def test_a_record_without_source_is_found():
 
 
 @pytest.mark.parametrize(("unit", "doc", "kind"), [("", "A length.", "real"), ("m", " ", "real"), ("m", "A.", "angle")])
-def test_a_quantity_without_unit_or_meaning_is_found(unit, doc, kind):
+def test_detects_quantity_without_unit_or_meaning(unit, doc, kind):
     @record
     class Vague:
         """Source: this test."""

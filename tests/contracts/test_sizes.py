@@ -1,4 +1,4 @@
-"""Files hold one concept each and stay small enough to read; what is public says what it is."""
+"""Limits of file and function length; public definitions have docstrings."""
 
 import ast
 from pathlib import PurePath
@@ -34,23 +34,23 @@ def undocumented(tree):
     return names
 
 
-def test_no_file_holds_two_concepts():
+def test_no_file_exceeds_the_line_limit():
     assert {name: n for name, (text, _) in read_sources().items() if (n := len(text.splitlines())) > FILE_LINES} == {}
 
 
-def test_no_function_is_too_long_to_read():
+def test_no_function_exceeds_the_line_limit():
     assert {name: long for name, (_, tree) in read_sources().items() if (long := long_functions(tree))} == {}
 
 
-def test_what_is_public_is_documented():
+def test_every_public_definition_has_a_docstring():
     assert {name: bare for name, (_, tree) in read_sources().items() if (bare := undocumented(tree))} == {}
 
 
-def test_there_is_no_drawer_for_odds_and_ends():
+def test_no_module_is_named_utils_or_helpers():
     assert not [p for p in read_sources() if PurePath(p).stem in ("utils", "helpers", "misc", "common")]
 
 
-def test_the_checks_find_what_they_are_for():
+def test_size_checks_detect_violations():
     long = "def f():\n" + "    x = 1\n" * FUNCTION_LINES
     assert long_functions(ast.parse(long)) == {"f": FUNCTION_LINES + 1}
     assert undocumented(ast.parse("class A:\n    def b(self): ...\n    def _c(self): ...\n")) == ["module", "A", "A.b"]

@@ -1,4 +1,4 @@
-"""A fix is in its reader's language: the library names arguments, and only the command line writes them as options."""
+"""Error texts: the library names Python arguments, and only the command line writes them as options."""
 
 import ast
 import re
@@ -48,7 +48,7 @@ LIBRARY = [
 ]
 
 
-def test_no_text_of_the_library_has_an_option_of_the_command_line():
+def test_library_texts_contain_no_command_line_options():
     wrong = [
         f"{file.relative_to(SOURCE)}:{line}: {said}"
         for file in LIBRARY
@@ -62,12 +62,12 @@ def test_no_text_of_the_library_has_an_option_of_the_command_line():
     "text",
     ['fix = "--seed 0"', 'fix = f"try {x} --set {y}=1"', 'fix = f"--{name} 3"', "raise InputError('--runs', 'x')"],
 )
-def test_what_is_looked_for_is_found(text):
+def test_detects_options_in_texts(text):
     assert list(option_texts(text))
 
 
 @pytest.mark.parametrize("text", ['"""As after --set."""', 'fix = "trimtab run X --out DIR"', 'x = "-Wl,--entry=y"'])
-def test_what_may_be_said_is_not(text):
+def test_ignores_allowed_texts(text):
     assert not list(option_texts(text))
 
 
@@ -87,7 +87,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("given", "python", "option"), CASES)
-def test_each_reader_sees_its_own_language(given, python, option):
+def test_argument_is_spelled_for_python_or_command_line(given, python, option):
     assert argument(*given) == python
     with spell_with(spell_option):
         assert argument(*given) == option
@@ -96,12 +96,12 @@ def test_each_reader_sees_its_own_language(given, python, option):
     assert argument(*given) == python
 
 
-def test_a_spelling_ends_with_what_was_run_in_it():
+def test_spelling_is_restored_after_error():
     with pytest.raises(InputError, match="--set x"), spell_with(spell_option):
         raise unknown_setting("settings", "x", ["y"])
     assert argument_name("settings", "x") == "settings x"
 
 
-def test_options_that_are_named_otherwise_exist():
+def test_renamed_options_exist_in_verbs():
     verbs = "".join(file.read_text("utf-8") for file in (SOURCE / "commands").glob("*.py") if file.stem != "verbs")
     assert [option for option in OPTIONS.values() if f'"{option}"' not in verbs and f'("{option}' not in verbs] == []

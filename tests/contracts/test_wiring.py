@@ -1,4 +1,4 @@
-"""Wiring: an object is handed what it needs. No constructor is long, and no callback is set from outside."""
+"""Wiring: constructors are short, and no callback is set from outside an object."""
 
 import ast
 from collections import defaultdict
@@ -87,12 +87,12 @@ def outside_callbacks(tree, declared=frozenset()):
     ]
 
 
-def test_no_constructor_is_long():
+def test_no_new_constructor_exceeds_the_line_limit():
     found = {f"{path}: {name}" for path, tree in trees().items() for name in long_constructors(tree)}
     assert found == LONG_CONSTRUCTORS
 
 
-def test_no_callback_is_set_from_outside():
+def test_no_new_callback_is_set_from_outside():
     """An attribute declared as callable counts within its top folder: elsewhere its name means another thing."""
     declared = defaultdict(set)
     for path, tree in trees().items():
@@ -105,7 +105,7 @@ def test_no_callback_is_set_from_outside():
     assert found == OUTSIDE_CALLBACKS
 
 
-def test_the_checks_of_the_wiring_find_what_they_are_for():
+def test_wiring_checks_detect_violations():
     body = "        self.x = 1\n" * MOST_LINES
     assert long_constructors(ast.parse(f"class A:\n    def __init__(self):\n{body}")) == ["A"]
     assert not long_constructors(ast.parse(f"class A:\n    def run(self):\n{body}"))

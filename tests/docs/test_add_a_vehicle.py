@@ -1,6 +1,6 @@
-"""The how-to's commands, typed one after the other beside its file, print what the page says of them.
+"""The commands of the how-to, run in order, print what the page shows.
 
-What needs two terminals or a browser is asked by tests/commands/test_every_verb.py.
+tests/commands/test_every_verb.py checks commands that need two terminals or a browser.
 """
 
 import re
@@ -31,7 +31,7 @@ def read_commands():
     return found
 
 
-def test_the_page_types_every_verb_and_says_what_it_prints():
+def test_page_shows_every_verb_with_its_output():
     verbs = "run replay identify campaign budget map falsify rare tune trim linearise design export firmware"
     commands = read_commands()
     assert {words[0] for words, _ in commands} >= {*verbs.split(), *OF_SEVERAL_TERMINALS}

@@ -36,7 +36,7 @@ def test_example_is_short_and_runs(file, tmp_path, monkeypatch):
     runpy.run_path(str(file), run_name="__main__")
 
 
-def test_a_vehicle_outside_the_package_flies(tmp_path):
+def test_vehicle_outside_the_package_flies(tmp_path):
     (tmp_path / "my_boat.py").write_text((ROOT / "examples" / "my_boat.py").read_text(encoding="utf-8"), "utf-8")
     command = [sys.executable, "-m", "trimtab", "run", "my_boat.py:scenario", "--json"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)

@@ -1,4 +1,4 @@
-"""The pages by which somebody comes in say what is so: tutorial, references, claims, messages, words."""
+"""Front pages are correct: README, tutorial, references, claims, messages, glossary."""
 
 import importlib.util
 import inspect
@@ -60,7 +60,7 @@ def command_text():
     return {n: reference.render_command(main.get_command(context, n), f"trimtab {n}").astext() for n in listed}
 
 
-def test_nine_chapters_each_with_its_time_its_end_and_an_exercise_with_an_answer():
+def test_nine_tutorial_chapters_have_duration_summary_and_exercise():
     assert [c.stem.split("-")[0] for c in CHAPTERS] == [str(k) for k in range(1, 10)]
     for chapter in CHAPTERS:
         text = chapter.read_text(encoding="utf-8")
@@ -93,14 +93,14 @@ def shell_lines(text):
 
 
 @pytest.mark.parametrize("page", CHAPTERS, ids=lambda p: p.stem)
-def test_every_command_of_the_tutorial_is_one(page):
+def test_every_tutorial_command_is_valid(page):
     lines = list(shell_lines(page.read_text(encoding="utf-8")))
     assert lines
     for line in lines:
         parse(line)
 
 
-def test_every_command_of_the_front_page_is_one_as_it_stands():
+def test_every_readme_command_is_valid():
     blocks = re.findall(r"^```\n(.*?)^```$", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     lines = [line for block in blocks for line in block.splitlines() if line.startswith("trimtab ")]
     assert len(lines) > 40
@@ -110,12 +110,12 @@ def test_every_command_of_the_front_page_is_one_as_it_stands():
             parse(command)
 
 
-def test_a_command_that_is_none_is_refused():
+def test_parse_rejects_unknown_option():
     with pytest.raises(click.UsageError):
         parse("trimtab run hovercraft/forward --plott a.png")
 
 
-def test_the_last_chapter_speaks_of_the_boat_that_stands_in_the_example():
+def test_last_chapter_matches_the_boat_example():
     text, boat = (
         CHAPTERS[-1].read_text(encoding="utf-8"),
         (ROOT / "examples" / "my_boat.py").read_text(encoding="utf-8"),
@@ -132,7 +132,7 @@ def test_the_last_chapter_speaks_of_the_boat_that_stands_in_the_example():
 
 
 @pytest.mark.parametrize("name", trimtab.HOMES)
-def test_every_name_of_the_front_door_is_documented(name):
+def test_every_top_level_name_is_documented(name):
     (made,) = [s for s in front_door() if s["ids"][0] == f"trimtab-{name.lower().replace('_', '-')}"]
     said = inspect.getdoc(getattr(trimtab, name)).split("\n")[0]
     assert len(said) > 20
@@ -160,7 +160,7 @@ def test_every_option_is_in_the_command_reference():
                 assert option in text, f"{path} {option}"
 
 
-def test_the_reference_of_the_parts_has_every_quantity_with_its_unit():
+def test_reference_of_parts_lists_quantities_with_units():
     cls = importlib.import_module("trimtab.vehicles.hovercraft").Hovercraft
     text = "\n".join(node.astext() for node in reference.render_fields(cls))
     assert re.search(r"mass\s+2\.6\s+kg\s+> 0\s+Total mass", text)
@@ -170,7 +170,7 @@ CLAIMS = [row for row in rows(read("claims.md")) if row[0] != "claim"]
 
 
 @pytest.mark.parametrize("row", CLAIMS, ids=lambda row: row[0])
-def test_a_claims_command_exists(row):
+def test_command_of_each_claim_exists(row):
     command = row[2].strip("`")
     program, *words = shlex.split(command)
     if program == "trimtab":
@@ -182,15 +182,15 @@ def test_a_claims_command_exists(row):
 
 
 @pytest.mark.parametrize("row", [row for row in CLAIMS if re.search(r"\d", row[1])], ids=lambda row: row[0])
-def test_a_claims_figure_is_the_one_that_is_printed_elsewhere(row):
-    """On the page that explains it, or of the studies in the table of the front page."""
+def test_figures_of_each_claim_match_the_page_it_cites(row):
+    """Each figure is on the page that explains it, or in the README's table of studies."""
     page = re.search(r"\]\(([^)#]+)", row[3])[1]
     said = read(page) + (ROOT / "README.md").read_text(encoding="utf-8")
     for figure in re.findall(r"\d+(?:[ .]\d+)*(?: of \d+)?", row[1]):
         assert re.search(rf"(?<![\d.]){re.escape(figure)}(?![\d]|\.\d)", said), f"{figure} is not in {page}"
 
 
-def test_there_are_claims_of_every_kind():
+def test_claims_page_covers_every_kind():
     assert len(CLAIMS) > 25
     assert read("claims.md").count("\n## ") >= 6
 
@@ -206,11 +206,11 @@ def sources():
 
 
 @pytest.mark.parametrize("message", MESSAGES)
-def test_every_message_that_is_explained_is_one_of_the_program(message):
+def test_every_explained_message_exists_in_sources(message):
     assert message in sources()
 
 
-def test_messages_of_every_kind_are_explained():
+def test_more_than_40_messages_are_explained():
     assert len(MESSAGES) > 40
 
 
@@ -244,14 +244,14 @@ WORDS = {
 
 
 @pytest.mark.parametrize("word", WORDS)
-def test_a_word_of_the_field_leads_to_its_page(word):
+def test_glossary_links_field_terms_to_their_page(word):
     """The search index holds the words of every page: those of a line of the glossary, whose link is the page."""
     assert (DOCS / WORDS[word]).is_file()
     lines = read("glossary.md").splitlines()
     assert any(re.search(rf"\b{word}\b", line) and f"]({WORDS[word]}" in line for line in lines)
 
 
-def test_pictures_of_the_front_page_are_small_and_there():
+def test_readme_pictures_exist_and_are_small():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     pictures = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", text)
     assert pictures
@@ -260,7 +260,7 @@ def test_pictures_of_the_front_page_are_small_and_there():
     assert "python examples/first_flight.py" in text
 
 
-def test_every_page_that_the_front_page_names_exists():
+def test_every_page_named_in_readme_exists():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     for page in re.findall(r"\]\(((?:docs/)?[\w/.-]+\.md)", text):
         assert (ROOT / page).is_file(), page

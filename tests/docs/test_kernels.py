@@ -1,4 +1,4 @@
-"""Kernels of the pages are forked from one server, and yet each is a process of its own that saw no other page."""
+"""Kernels of the pages are forked from one server; each is a fresh process without state of other pages."""
 
 import importlib.util
 import json
@@ -56,7 +56,7 @@ print(json.dumps([os.getpid(), os.getppid(), "left" in globals(), "left" in os.e
 LEAVE = "left = 1; os.environ['left'] = '1'; sys.modules['trimtab'] = 1; sys.modules.pop('jax'); os.chdir('/')"
 
 
-def test_each_is_a_new_process_that_has_seen_no_other_page(folder):
+def test_each_kernel_is_a_fresh_process(folder):
     first, _, after = execute(folder, ABOUT, LEAVE, ABOUT)
     first, after = printed(first), printed(after)
     assert after[2:6] == [True, True, False, True]
@@ -69,24 +69,24 @@ def test_each_is_a_new_process_that_has_seen_no_other_page(folder):
     assert first[1] == second[1]
 
 
-def test_pictures_are_drawn_as_in_a_kernel_that_was_started(folder):
+def test_forked_kernel_draws_pictures(folder):
     (outputs,) = execute(folder, "import matplotlib.pyplot as plt\nplt.plot([1, 2]);")
     assert any("image/png" in o.get("data", {}) for o in outputs)
 
 
-def test_an_error_is_raised(folder):
+def test_cell_error_is_raised(folder):
     with pytest.raises(CellExecutionError, match="one over zero"):
         execute(folder, "raise ValueError('one over zero')")
 
 
-def test_a_cell_that_takes_too_long_is_ended(folder):
+def test_too_slow_cell_is_stopped_by_timeout(folder):
     began = time.monotonic()
     with pytest.raises(CellTimeoutError):
         execute(folder, "import time\nwhile True: time.sleep(0.01)", timeout=1)
     assert time.monotonic() - began < 15
 
 
-def test_its_end_is_seen_and_kernels_end_with_the_server(folder):
+def test_kernel_exit_is_detected_and_terminated_kernel_exits(folder):
     argv = [sys.executable, "-m", "ipykernel_launcher", "-f"]
     one, other = (kernels.launch([*argv, str(folder / f)], env=os.environ, cwd=str(folder)) for f in ("a", "b"))
     assert one.poll() is None

@@ -1,4 +1,4 @@
-"""Every link of the built pages, and of the front page, leads somewhere; the search finds what is refused."""
+"""Links of the built pages and of the README are valid; the search finds error messages."""
 
 import json
 import re
@@ -68,7 +68,7 @@ def site(tmp_path_factory):
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1200)
-def test_every_link_of_the_pages_leads_somewhere(site):
+def test_built_pages_have_no_dead_links(site):
     dead, count = dead_links(site)
     assert count > 10_000
     assert dead == []
@@ -90,8 +90,8 @@ SEARCHED = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("words", SEARCHED)
-def test_the_search_finds_a_message_by_its_words(words, site):
-    """As the search does: a page is found that has every word's stem in its text or a title, but for stop words."""
+def test_search_finds_message_by_its_words(words, site):
+    """Like the search: a page is found if its text or a title has the stem of every word, except stop words."""
     index = json.loads((site / "searchindex.js").read_text("utf-8").removeprefix("Search.setIndex(").removesuffix(")"))
     language = SearchEnglish({})
     page = index["docnames"].index(SEARCHED[words])
@@ -101,7 +101,7 @@ def test_the_search_finds_a_message_by_its_words(words, site):
         assert any(page in (pages if isinstance(pages, list) else [pages]) for pages in found), stem
 
 
-def test_a_dead_link_and_a_dead_place_are_found(tmp_path):
+def test_detects_dead_links_and_dead_anchors(tmp_path):
     (tmp_path / "a.html").write_text(
         '<p id="here"><a href="#here"><a href="b.html#there"><a href="#gone"><img src="c.png">'
     )
@@ -109,7 +109,7 @@ def test_a_dead_link_and_a_dead_place_are_found(tmp_path):
     assert dead_links(tmp_path) == ([("a.html", "#gone"), ("a.html", "c.png")], 5)
 
 
-def test_every_relative_link_of_the_front_page_leads_somewhere():
+def test_every_relative_link_of_readme_exists():
     text = re.sub(r"^```.*?^```$", "", (ROOT / "README.md").read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
     links = [urlsplit(link) for link in re.findall(r"\]\(([^)\s]+)\)", text)]
     paths = [link.path for link in links if not link.scheme and link.path]

@@ -1,4 +1,4 @@
-"""What is refused is found on the page of messages, which is read out of the sources."""
+"""The page of messages, generated from the sources, contains the program's error messages."""
 
 import importlib.util
 import re
@@ -20,22 +20,22 @@ spec.loader.exec_module(messages)
 
 WRONG = {
     "a mass in a unit of length": lambda: build("hovercraft/spin", {"world.vehicle.mass": "3 m"}),
-    "a setting that is none": lambda: build("hovercraft/spin", {"world.vehicle.mas": "3"}),
+    "unknown setting": lambda: build("hovercraft/spin", {"world.vehicle.mas": "3"}),
     "a mass below zero": lambda: build("hovercraft/spin", {"world.vehicle.mass": "-1"}),
-    "a scenario that is none": lambda: build("hovercraft/spinn"),
+    "unknown scenario": lambda: build("hovercraft/spinn"),
     "a file without the function": lambda: build(f"{__file__}:scenario"),
-    "a time in words": lambda: seconds("soon"),
-    "a log that is no log": lambda: read_log(__file__),
+    "time as a word": lambda: seconds("soon"),
+    "file that is not a log": lambda: read_log(__file__),
     "a link without a scheme": lambda: parse_uri("127.0.0.1:14550"),
     "a link without a port": lambda: parse_uri("udp://127.0.0.1").host_and_port(),
     "a campaign without runs": lambda: Campaign("hovercraft/spin", runs=0),
-    "a metric that is none": lambda: Campaign("hovercraft/spin", runs=2, metrics=["yaw_rate"]),
+    "unknown metric": lambda: Campaign("hovercraft/spin", runs=2, metrics=["yaw_rate"]),
     "a duration below zero": lambda: simulate("hovercraft/spin", duration=-1.0),
     "an argument of another shape": lambda: compile(np.sin, np.zeros(3))(np.zeros(4)),
 }
 TYPED = {
     "a path without a value": "run hovercraft/spin --set world.vehicle.mass",
-    "a folder of scenarios that is none": "list submarine/dive",
+    "unknown folder of scenarios": "list submarine/dive",
     "a name with a dash": "new law my-law",
 }
 
@@ -64,24 +64,24 @@ def matching(text):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("what", WRONG)
-def test_what_python_refuses_is_on_the_page(what):
+def test_python_errors_are_on_the_messages_page(what):
     assert matching(refusal(WRONG[what]))
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("what", TYPED)
-def test_what_the_command_line_refuses_is_on_the_page(what):
+def test_command_line_errors_are_on_the_messages_page(what):
     answer = CliRunner().invoke(main, TYPED[what].split())
     assert answer.exit_code == 2
     assert matching(answer.stderr.splitlines()[0].removeprefix("Error: ")), answer.stderr
 
 
 @pytest.mark.thorough
-def test_a_message_that_the_program_has_not_is_not_on_the_page():
+def test_foreign_message_is_not_on_the_messages_page():
     assert matching("world.vehicle.mass: the moon is in its way") is None
 
 
-def test_a_text_is_followed_through_names_choices_and_functions(tmp_path, monkeypatch):
+def test_message_text_is_resolved_through_names_branches_and_functions(tmp_path, monkeypatch):
     monkeypatch.setattr(messages, "PACKAGE", tmp_path)
     (tmp_path / "hull.py").write_text(
         "class InputError:\n"
@@ -104,7 +104,7 @@ def test_a_text_is_followed_through_names_choices_and_functions(tmp_path, monkey
     ]
 
 
-def test_nearly_every_refusal_of_the_sources_is_on_the_page():
-    """A call whose problem is all hole, such as an error passed on, is said where its words stand."""
+def test_nearly_every_input_error_is_on_the_messages_page():
+    """A call without own words, such as an error passed on, is listed where its words are written."""
     calls = sum(len(re.findall(r"\bInputError\(", path.read_text("utf-8"))) for path in messages.PACKAGE.rglob("*.py"))
     assert len(said()) > 0.95 * calls

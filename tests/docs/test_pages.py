@@ -1,4 +1,4 @@
-"""All pages build with their cells, which the gate does not run; a reader can type what the tutorial shows."""
+"""All pages build with their cells; the shown cells of the tutorial run without the hidden ones."""
 
 import ast
 import os
@@ -23,7 +23,7 @@ def test_all_pages_build_with_their_cells(tmp_path):
 
 
 @pytest.mark.parametrize("page", sorted((DOCS / "tutorial").glob("*.md")), ids=lambda page: page.stem)
-def test_what_a_reader_types_needs_no_cell_that_is_hidden(page):
+def test_shown_cells_do_not_depend_on_hidden_cells(page):
     """Names that a chapter's shown cells use are bound by shown cells; pictures are shown by `Image` for the page."""
     shown, hidden = [], []
     for tags, text in TAGGED_CELL.findall(page.read_text(encoding="utf-8")):

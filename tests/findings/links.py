@@ -75,8 +75,8 @@ FINDINGS = [
         "no disarm",
         partial(
             run_tests,
-            "commands/test_end_signals.py::test_a_signal_ends_a_command_in_order",
-            "commands/test_end_signals.py::test_a_lost_terminal_is_ignored_under_nohup",
+            "commands/test_end_signals.py::test_signal_ends_command_with_exit_code_and_message",
+            "commands/test_end_signals.py::test_hangup_is_ignored_under_nohup",
         ),
     ),
     Finding(

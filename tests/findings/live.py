@@ -123,14 +123,14 @@ FINDINGS = [
         "flies",
         partial(
             run_tests,
-            "firmware/test_authority.py::test_the_board_is_armed_after_a_failsafe_only_at_rest_and_with_a_confirmation",
+            "firmware/test_authority.py::test_arming_after_failsafe_requires_rest_and_confirmation",
         ),
     ),
     Finding(
         "V15",
         "first frame of a board stamped a day ahead, or 2**48 - 1",
         "stored; all are stale for ever",
-        partial(run_tests, "firmware/test_authority.py::test_a_first_stamp_decades_ahead_is_not_taken_for_the_time"),
+        partial(run_tests, "firmware/test_authority.py::test_first_stamp_decades_ahead_does_not_set_the_clock"),
     ),
     Finding(
         "V16",

@@ -1,4 +1,4 @@
-"""Firmware of vehicles without a fan: pulses by tables, on the computer in the test's own time, and flown emulated."""
+"""Firmware of vehicles without a fan: pulses by tables, on this computer in simulated time and on an emulated board."""
 
 import contextlib
 import ctypes
@@ -57,7 +57,7 @@ def flying(host, thrust=2.0, rudder=0.0, times=10):
 
 
 @pytest.mark.thorough
-def test_a_pulse_for_each_number_of_the_command_by_its_table(host):
+def test_pulse_tables_map_each_component_of_the_command(host):
     for thrust, rudder, counts in (
         (-3.0, 0.0, [2000, 3040]),
         (6.0, 0.6, [4000, 2000]),
@@ -69,14 +69,14 @@ def test_a_pulse_for_each_number_of_the_command_by_its_table(host):
 
 
 @pytest.mark.thorough
-def test_nothing_moves_before_arming(host):
+def test_outputs_stay_safe_before_arming(host):
     for _ in range(20):
         host.run(20, command(host, 5.0, 0.5))
     assert host.pulses(2) == [SAFE_THRUST, 3040]
 
 
 @pytest.mark.thorough
-def test_safe_pulses_the_millisecond_the_silence_is_too_long(host):
+def test_failsafe_sets_safe_pulses_after_250_ms_without_command(host):
     flying(host, 5.0, 0.5)
     host.run(1, command(host, 5.0, 0.5))
     begun = host.now
@@ -90,7 +90,7 @@ def test_safe_pulses_the_millisecond_the_silence_is_too_long(host):
 
 
 @pytest.mark.thorough
-def test_safe_at_once_when_disarmed_or_taken_over(host):
+def test_disarming_or_radio_takeover_sets_safe_pulses_at_once(host):
     flying(host, 5.0, 0.5)
     host.arm(False)
     assert host.pulses(2) == [SAFE_THRUST, 3040]
@@ -101,7 +101,7 @@ def test_safe_at_once_when_disarmed_or_taken_over(host):
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
-def test_numbers_that_are_none_change_nothing(host, number):
+def test_non_finite_commands_are_ignored(host, number):
     flying(host, 5.0, 0.5)
     for _ in range(5):
         host.run(20, command(host, number, number))
@@ -110,7 +110,7 @@ def test_numbers_that_are_none_change_nothing(host, number):
     assert host.pulses(2) == [SAFE_THRUST, 3040]
 
 
-def test_the_emulated_boat_moves_by_the_pulses_and_the_station_sees_them(host):
+def test_emulated_boat_follows_pulses_and_reports_them(host):
     host.run(10, host.pack("HEARTBEAT", type=6))
     flying(host, 2.0, 0.0, times=150)
     assert host.library.host_truth()[0] == pytest.approx(1 - np.exp(-3.0 * 2 / 3), rel=0.06)  # 2 N, 2 N s/m, 3 kg
@@ -121,13 +121,13 @@ def test_the_emulated_boat_moves_by_the_pulses_and_the_station_sees_them(host):
     assert set(values(host.run(1100), "HEARTBEAT", "type")) == {11}
 
 
-def test_it_has_no_parameters_and_says_so_by_saying_none(host):
+def test_parameter_requests_without_parameters_get_no_answer(host):
     host.run(10, host.pack("HEARTBEAT", type=6))
     said = host.run(50, host.pack("PARAM_REQUEST_LIST")) + host.run(5, host.pack("PARAM_REQUEST_READ", param_index=0))
     assert not [m for m in said if m.name == "PARAM_VALUE"]
 
 
-def test_tables_in_c_are_numpys_interpolation(program):
+def test_tables_in_c_match_numpy_interpolation(program):
     x, y = np.array([-0.5, -0.1, 0.2, 1.0]), np.array([4200.0, 3300.0, 3000.0, 1700.0])
     numbers = ctypes.POINTER(ctypes.c_double)
     for at in np.linspace(-1, 2, 61):
@@ -148,8 +148,8 @@ MORE = 0.1
 
 @pytest.mark.real_time
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_a_microcontrollers_vehicle_flies_as_in_the_simulation(name, tmp_path):
-    """In lockstep, whatever this machine has to do besides."""
+def test_lockstep_flight_of_firmware_matches_simulation(name, tmp_path):
+    """Lockstep makes the flight independent of the load of this machine."""
     scenario = replace(build(name), duration=seconds(12))
     written = write_firmware(replace(scenario, duration=seconds(13)), tmp_path / "board", KEY)
     image = build_elf(written.folder, "LOCKSTEP=1")
@@ -169,8 +169,8 @@ INSTRUCTIONS = {"cart-pole/swing-up": 6_000, "f16/gcas": 16_000, "quadrotor/trac
 
 @pytest.mark.real_time
 @pytest.mark.parametrize("name", INSTRUCTIONS)
-def test_a_board_has_time_for_its_vehicle(name, tmp_path):
-    """By QEMU's count, 16 ns an instruction: as in test_board."""
+def test_instruction_load_of_board_stays_below_limit(name, tmp_path):
+    """QEMU counts 16 ns per instruction, as in test_board."""
     written = write_firmware(build(name), tmp_path / "board", KEY)
     image = build_elf(written.folder)
     with (
@@ -185,7 +185,7 @@ def test_a_board_has_time_for_its_vehicle(name, tmp_path):
 
 
 @pytest.mark.real_time
-def test_a_flight_in_lockstep_is_the_same_twice(tmp_path):
+def test_lockstep_flight_is_reproducible(tmp_path):
     scenario = replace(build("torpedo/depth"), duration=seconds(4))
     image = build_elf(write_firmware(build("torpedo/depth"), tmp_path / "board", KEY).folder, "LOCKSTEP=1")
     one, other = (fly_in_step(image, scenario, tmp_path / f"{k}.mcap") for k in range(2))

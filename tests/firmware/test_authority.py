@@ -1,4 +1,4 @@
-"""Who commands the board and by which clock, to the same rules as `trimtab vehicle`."""
+"""Authority over the board and clock checks, by the same rules as `trimtab vehicle`."""
 
 import pytest
 from firmware.host import MS, Host, values
@@ -29,7 +29,7 @@ def two(host):
 
 
 @pytest.mark.thorough
-def test_the_board_is_flown_by_who_armed_it_and_the_other_is_told(host):
+def test_arming_autopilot_has_authority_and_second_one_is_denied(host):
     first, second = two(host)
     assert [(m.get("result"), m.get("result_param2")) for m in arm(host, first)] == [(ACCEPTED, first.session)]
     assert [(m.get("result"), m.get("result_param2")) for m in arm(host, second)] == [(DENIED, first.session)]
@@ -50,7 +50,7 @@ def test_the_board_is_flown_by_who_armed_it_and_the_other_is_told(host):
 
 
 @pytest.mark.thorough
-def test_the_board_obeys_neither_a_stolen_session_nor_another_system(host):
+def test_rejects_stolen_session_and_other_system(host):
     first, thief = host.other(system=1, component=191), host.other(system=1, component=191, link=9)
     arm(host, first)
     fields = {"t": host.now, "valid": 1, "rudder_pulse": 1.5e-3, "speed_rpm": 9000.0, "session": first.session}
@@ -68,7 +68,7 @@ def test_the_board_obeys_neither_a_stolen_session_nor_another_system(host):
 
 
 @pytest.mark.thorough
-def test_the_board_is_handed_over_where_that_is_asked_for(host):
+def test_authority_is_handed_over_on_request(host):
     first, second = two(host)
     arm(host, first)
     fields = {"target_system": 1, "command": CONTROL, "param2": 1.0, "param5": float(second.session)}
@@ -80,7 +80,7 @@ def test_the_board_is_handed_over_where_that_is_asked_for(host):
 
 
 @pytest.mark.thorough
-def test_what_a_ground_station_arms_is_flown_by_who_commands_first_and_it_may_disarm(host):
+def test_first_commander_gets_authority_after_ground_station_arms(host):
     first, second = two(host)
     host.arm()
     command(host, second)
@@ -91,7 +91,7 @@ def test_what_a_ground_station_arms_is_flown_by_who_commands_first_and_it_may_di
 
 
 @pytest.mark.thorough
-def test_a_command_that_leads_costs_itself_alone(host):
+def test_only_the_leading_command_is_dropped(host):
     first, _ = two(host)
     arm(host, first)
     for k in range(60):
@@ -101,7 +101,7 @@ def test_a_command_that_leads_costs_itself_alone(host):
 
 
 @pytest.mark.thorough
-def test_a_clock_that_is_behind_is_answered_and_one_a_day_ahead_moves_nothing(host):
+def test_late_clock_is_answered_and_early_clock_does_not_shift_time(host):
     host.run(10, host.pack("HEARTBEAT", type=6))
     host.run(2000)
     kept = host.library.host_kept()
@@ -122,7 +122,7 @@ def test_a_clock_that_is_behind_is_answered_and_one_a_day_ahead_moves_nothing(ho
     assert host.counts()["accepted"] == before + 1
 
 
-def test_another_key_is_answered_before_anybody_was_believed(library, written):
+def test_time_request_with_wrong_key_is_answered_before_first_accepted_peer(library, written):
     host = Host(library, written.dialect)
     key = passphrase_key("another-passphrase-than-that")
     station, stranger = host.other(key=key), host.other(key=key, system=1, component=191)
@@ -138,8 +138,8 @@ def test_another_key_is_answered_before_anybody_was_believed(library, written):
     assert host.counts()["forged"] == 3
 
 
-def test_a_stored_stamp_that_is_ahead_of_all_is_told_to_who_asks(library, written):
-    """A wrong clock once: nobody with the right one had ever been answered."""
+def test_stored_stamp_ahead_of_all_clocks_is_reported_on_request(library, written):
+    """After one peer with a wrong clock, peers with the right clock must still be answered."""
     host = Host(library, written.dialect, stored=DAY * 100_000)
     asker = host.other(system=1, component=191)
     data = asker.pack("TIMESYNC", {"ts1": 7})
@@ -166,7 +166,7 @@ def results(messages):
     return [m.get("result") for m in messages if m.name == "COMMAND_ACK"], [x for x in texts if "not armed" in x]
 
 
-def test_the_board_is_armed_after_a_failsafe_only_at_rest_and_with_a_confirmation(host):
+def test_arming_after_failsafe_requires_rest_and_confirmation(host):
     first, _ = two(host)
     arm(host, first)
     for _ in range(300):
@@ -178,7 +178,7 @@ def test_the_board_is_armed_after_a_failsafe_only_at_rest_and_with_a_confirmatio
     assert host.pulses()[1] == NEUTRAL
 
 
-def test_a_program_confirms_with_the_order_to_arm(host):
+def test_autopilot_confirms_failsafe_with_arm_command(host):
     first, _ = two(host)
     arm(host, first)
     command(host, first, 0.0)
@@ -189,7 +189,7 @@ def test_a_program_confirms_with_the_order_to_arm(host):
     assert results(order_arming(host, first, param2=float(CONFIRMATION))) == ([ACCEPTED], [])
 
 
-def test_a_ground_station_confirms_by_disarming(host):
+def test_ground_station_confirms_failsafe_by_disarming(host):
     first, _ = two(host)
     host.arm()
     command(host, first, 0.0)
@@ -199,7 +199,7 @@ def test_a_ground_station_confirms_by_disarming(host):
     assert results(host.arm()) == ([ACCEPTED], [])
 
 
-def test_an_order_to_another_vehicle_is_left_alone(host):
+def test_commands_to_another_vehicle_are_ignored(host):
     first, second = two(host)
     assert results(order_arming(host, first, param4=77.0)) == ([], [])
     arm(host, first)
@@ -209,7 +209,7 @@ def test_an_order_to_another_vehicle_is_left_alone(host):
     assert host.counts()["foreign"] == 0
 
 
-def test_a_first_stamp_decades_ahead_is_not_taken_for_the_time(host):
+def test_first_stamp_decades_ahead_does_not_set_the_clock(host):
     far = host.other(system=1, component=191, clock=lambda: host.clock() + 11 * 365 * DAY)
     host.run(10, far.pack("HEARTBEAT", {"type": 18}))
     assert host.counts()["accepted"] == 0
@@ -219,8 +219,8 @@ def test_a_first_stamp_decades_ahead_is_not_taken_for_the_time(host):
     assert host.library.host_kept() < DAY * 100_000
 
 
-def test_the_board_says_what_it_was_built_for(host, written):
-    """As the identity of the same scenario says it, to the last digit; another mass is a difference by its path."""
+def test_board_identity_reports_parameter_differences(host, written):
+    """The board's identity equals that of its scenario; another mass is reported by its path."""
     scenario = build("hovercraft/forward")
     for settings, paths in (({}, []), ({"world.vehicle.mass": "2.8"}, ["world.vehicle.mass"])):
         ours = scenario_identity(build("hovercraft/forward", settings), written.dialect)

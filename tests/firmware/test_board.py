@@ -1,4 +1,4 @@
-"""The firmware on an emulated board, its UART on a socket, a ground station at the other end; in wall-clock time."""
+"""The firmware on an emulated board in wall-clock time, its UART connected to a ground station by a socket."""
 
 import re
 import socket
@@ -75,7 +75,7 @@ def stop_commanding(peer, offset):
     return came, after
 
 
-def test_arms_drives_and_becomes_safe_when_the_commands_stop(peer):
+def test_arms_drives_and_stops_when_commands_stop(peer):
     offset = peer.offset()
     assert peer.arm().get("result") == 0
     peer.command(1.5e-3, 0.0, offset)
@@ -105,7 +105,7 @@ def test_arms_drives_and_becomes_safe_when_the_commands_stop(peer):
     assert [t for t in texts if t.startswith("not armed")] == ["not armed: failsafe, confirm", "not armed: it moves"]
 
 
-def test_unsigned_forged_replayed_frames_and_garbage_are_dropped_and_counted(peer, written):
+def test_drops_and_counts_unsigned_forged_and_replayed_frames(peer, written):
     before = status(peer)
     recorded = [peer.heartbeat() for _ in range(7)]
     anybody = Endpoint(written.dialect, 255, 190, unsigned=True)
@@ -123,14 +123,14 @@ def test_unsigned_forged_replayed_frames_and_garbage_are_dropped_and_counted(pee
     assert beat.get("base_mode") & 128 == 0
 
 
-def test_samples_come_at_their_ticks_by_the_boards_clock(peer):
+def test_samples_are_sent_at_fixed_ticks_of_board_clock(peer):
     times = values(only(peer.listen(1.0)), "SAMPLE_NAVIGATION", "t")
     assert len(times) > 100
     assert set(np.diff(times)) == {60_000}
     assert set(times % 60_000) == {0}
 
 
-def test_another_peer_may_call_when_the_first_has_hung_up(peer, port, written):
+def test_second_peer_connects_after_first_disconnects(peer, port, written):
     peer.close()
     again = Peer(port, written.dialect, KEY)
     again.heartbeat()
@@ -144,7 +144,7 @@ def said_of_work(peer):
     return [int(n) for n in re.findall(r"\d+", m.get("text"))]
 
 
-def test_what_was_recorded_before_a_restart_is_refused_after_it(elf, written, tmp_path):
+def test_frames_recorded_before_restart_are_rejected_after_restart(elf, written, tmp_path):
     with emulator(elf, tmp_path) as port, closing(Peer(port, written.dialect, KEY)) as peer:
         recorded = [peer.heartbeat(), peer.heartbeat()]
         peer.listen(1.5)
@@ -158,7 +158,7 @@ def test_what_was_recorded_before_a_restart_is_refused_after_it(elf, written, tm
         assert status(peer)[4] >= 2
 
 
-def test_costs_of_the_firmware(elf, written, tmp_path):
+def test_firmware_size_stack_and_load_stay_below_limits(elf, written, tmp_path):
     """62.5 million instructions a second: QEMU's icount shift 4, 16 ns an instruction; idle time is passed over."""
     sizes = subprocess.run(["arm-none-eabi-size", elf.name], cwd=elf.parent, capture_output=True, text=True).stdout
     text, data, bss = (int(n) for n in sizes.splitlines()[1].split()[:3])
@@ -181,7 +181,7 @@ def test_costs_of_the_firmware(elf, written, tmp_path):
     assert load * 62.5 < 8_000
 
 
-def test_a_loop_that_hangs_is_ended_by_the_watchdog_and_the_outputs_are_safe(elf, written, tmp_path):
+def test_watchdog_resets_stuck_loop_and_sets_safe_outputs(elf, written, tmp_path):
     """The loop's code is overwritten, by the emulator's debugger, with a branch to itself while the fan turns.
 
     The watchdog runs out after 1 s by the board's clock, and calls; outputs are safe there and then. After another
@@ -222,7 +222,7 @@ def test_a_loop_that_hangs_is_ended_by_the_watchdog_and_the_outputs_are_safe(elf
         assert set(seen(only(peer.listen(0.3)), "servo2_raw")[1]) == {NEUTRAL}
 
 
-def test_drift_of_the_boards_clock(peer):
+def test_board_clock_drifts_less_than_200_ppm(peer):
     """Less than 200 parts in a million over 20 s; the two offsets are each good to about a millisecond."""
     first = peer.offset()
     until = time.monotonic() + 20.0
@@ -236,7 +236,7 @@ def test_drift_of_the_boards_clock(peer):
 
 @pytest.mark.usefixtures("elf")
 @pytest.mark.parametrize(("board", "option"), [("cortex-m4", ""), ("stm32f405", "EMULATED=1")])
-def test_the_smaller_boards_drive_in_single_precision(tmp_path, board, option):
+def test_smaller_boards_drive_in_single_precision(tmp_path, board, option):
     scenario, _ = catalogue.load_scenario("hovercraft/forward", {})
     written = write_firmware(scenario, tmp_path / "out", KEY, board=board)
     subprocess.run(["make", "-s", *option.split()], cwd=written.folder, check=True, capture_output=True)

@@ -81,17 +81,15 @@ def coverage_fuzzer(written, tmp_path_factory):
 
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("runs", [5_000, pytest.param(1_000_000, marks=pytest.mark.thorough)])
-def test_whatever_happens_outputs_stay_in_their_limits_and_safe_where_nothing_is_commanded(
-    coverage_fuzzer, tmp_path, runs
-):
+def test_fuzzed_outputs_stay_within_limits_and_safe_without_command(coverage_fuzzer, tmp_path, runs):
     status, text = run_fuzzer(coverage_fuzzer, unpack(tmp_path / "corpus"), f"-runs={runs}", str(tmp_path / "corpus"))
     print(*re.findall(r"^(?:Done .*|#\d+\s+(?:INITED|DONE).*)$", text, re.MULTILINE), sep="\n")
     assert status == 0, text[-4000:]
 
 
 @pytest.mark.thorough
-def test_a_fault_would_be_found(coverage_fuzzer, written, tmp_path):
-    """A failsafe that does not stop the fan at once: found by the kept inputs alone."""
+def test_fuzzer_corpus_detects_broken_failsafe(coverage_fuzzer, written, tmp_path):
+    """The kept inputs alone detect a failsafe that does not stop the fan at once."""
     broken = tmp_path / "firmware"
     shutil.copytree(written.folder, broken)
     for part, text in (("portable/vehicle.c", " || stop"), ("drive/drive.c", "if (!out->command.valid) d->duty = 0;")):

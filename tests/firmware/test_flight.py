@@ -1,4 +1,4 @@
-"""`trimtab fly` at the other end of the line: a microcontroller's vehicle reaches its target."""
+"""`trimtab fly` flies the vehicle of an emulated microcontroller to its target."""
 
 import contextlib
 import time
@@ -51,7 +51,7 @@ def flown(scenario, step, port, file):
     return read_mcap(file), min(rates)
 
 
-def test_the_microcontrollers_vehicle_is_flown_to_its_target(elf, tmp_path):
+def test_emulated_microcontroller_vehicle_reaches_its_target(elf, tmp_path):
     """Forward at 1.08 m/s. Band 0.15 m/s on the mean of the last 3 s: slow navigation errors of 0.03 m/s and gusts of
     late commands; the motor and its regulator are in the loop, which the scenario's own vehicle has not.
 

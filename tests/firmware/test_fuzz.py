@@ -15,7 +15,7 @@ pytestmark = pytest.mark.sanitizer
         pytest.param(3, 10**7, marks=pytest.mark.thorough),
     ],
 )
-def test_takes_every_good_frame_and_nothing_else(fuzzer, seed, size):
+def test_accepts_every_valid_frame_and_rejects_all_others(fuzzer, seed, size):
     done = subprocess.run([fuzzer, str(seed), str(size)], capture_output=True, text=True, timeout=200)
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr

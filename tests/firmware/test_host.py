@@ -1,4 +1,4 @@
-"""The portable firmware on the computer, in a time of the test's own: duties to the millisecond, and who gets in."""
+"""The portable firmware on this computer in simulated time: outputs, failsafe, and accepted frames."""
 
 import ctypes
 import itertools
@@ -26,7 +26,7 @@ def flying(host, ms=500, speed_rpm=6000.0):
 
 
 @pytest.mark.thorough
-def test_silent_until_somebody_with_the_key_has_spoken(host):
+def test_sends_no_frames_until_authenticated_peer_is_received(host):
     assert host.run(1500) == []
     said = host.run(2000, host.pack("HEARTBEAT", type=6))
     assert {m.name for m in said} >= {"HEARTBEAT", "SYS_STATUS", "SERVO_OUTPUT_RAW", "SAMPLE_NAVIGATION"}
@@ -39,7 +39,7 @@ def test_silent_until_somebody_with_the_key_has_spoken(host):
 
 
 @pytest.mark.thorough
-def test_time_synchronisation_gives_the_boards_clock(host):
+def test_timesync_answers_with_board_clock(host):
     host.run(37)
     host.now += 4321
     host.work(host.pack("TIMESYNC", tc1=0, ts1=123456789))
@@ -47,7 +47,7 @@ def test_time_synchronisation_gives_the_boards_clock(host):
     assert (answer.get("tc1"), answer.get("ts1")) == (host.now * 100, 123456789)
 
 
-def test_arming_is_acknowledged_and_other_commands_are_not_supported(host):
+def test_arming_is_acknowledged_and_other_commands_are_unsupported(host):
     (ack,) = [m for m in host.arm() if m.name == "COMMAND_ACK"]
     assert (ack.get("command"), ack.get("result"), ack.get("target_system")) == (400, 0, 1)
     (ack,) = [m for m in host.run(1, host.pack("COMMAND_LONG", command=22)) if m.name == "COMMAND_ACK"]
@@ -57,13 +57,13 @@ def test_arming_is_acknowledged_and_other_commands_are_not_supported(host):
     assert host.run(1, host.pack("COMMAND_LONG", command=400, target_system=7, param1=1.0)) == []
 
 
-def test_nothing_turns_before_arming(host):
+def test_outputs_stay_neutral_before_arming(host):
     for _ in range(20):
         host.run(20, host.command())
     assert host.pulses() == [NEUTRAL, NEUTRAL, NEUTRAL - FULL]
 
 
-def test_the_fan_is_regulated_to_the_speed_commanded_and_the_vehicle_moves(host):
+def test_fan_reaches_commanded_speed_and_vehicle_moves(host):
     flying(host, 3000)
     duty = (host.pulses()[1] - NEUTRAL) / FULL
     # the motor's own curve: propeller torque over stall torque, and speed over free speed, at 6000 rpm
@@ -72,8 +72,8 @@ def test_the_fan_is_regulated_to_the_speed_commanded_and_the_vehicle_moves(host)
 
 
 @pytest.mark.thorough
-def test_an_emulated_fan_on_an_empty_battery_needs_the_more_duty(tmp_path):
-    """6.2 V empty, less what 0.03 ohm takes of the other 3 A and of the fan's own current: the battery's page."""
+def test_fan_on_empty_battery_needs_more_duty(tmp_path):
+    """Voltage: 6.2 V empty, less 0.03 ohm times (3 A + the fan's current). Source: the page of the battery."""
     scenario = build("hovercraft/forward", {"world.actuators.fan.battery.initial": "0"})
     written = write_firmware(scenario, tmp_path, KEY)
     host = Host(load_library(written, tmp_path), written.dialect)
@@ -84,7 +84,7 @@ def test_an_emulated_fan_on_an_empty_battery_needs_the_more_duty(tmp_path):
     assert duty == pytest.approx(full * 7.2 / (6.2 - 0.03 * (3 + current)), abs=0.01)
 
 
-def test_failsafe_to_the_millisecond(host):
+def test_failsafe_stops_fan_after_250_ms(host):
     flying(host)
     assert host.pulses()[1] > NEUTRAL
     start = host.now
@@ -105,20 +105,20 @@ def test_failsafe_to_the_millisecond(host):
     assert host.pulses()[1] > NEUTRAL
 
 
-def test_changes_of_mode_are_told_with_their_cause(host):
+def test_mode_changes_are_reported_with_cause(host):
     flying(host)
     said = host.run(300)
     assert [m.get("text").rstrip("\0") for m in said if m.name == "STATUSTEXT"] == ["failsafe: no command"]
 
 
-def test_disarming_stops_at_once(host):
+def test_disarming_stops_fan_at_once(host):
     flying(host)
     host.arm(False)
     assert host.pulses()[1] == NEUTRAL
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf, 1e300])
-def test_numbers_that_are_none_change_nothing(host, number):
+def test_non_finite_and_huge_commands_are_ignored(host, number):
     flying(host)
     for _ in range(12):
         host.run(20, host.command(rudder_pulse=number, speed_rpm=number))
@@ -126,7 +126,7 @@ def test_numbers_that_are_none_change_nothing(host, number):
     assert host.pulses()[1] == NEUTRAL  # as if nothing had come
 
 
-def test_the_safety_pilot_takes_over(host):
+def test_safety_pilot_takes_over_by_radio(host):
     flying(host)
     host.library.host_radio(1, 1200, 1500, 1900)
     host.run(21, host.command())
@@ -136,7 +136,7 @@ def test_the_safety_pilot_takes_over(host):
     assert host.pulses()[0] == NEUTRAL
 
 
-def test_pulses_are_counts_of_half_a_microsecond_within_their_limits(library):
+def test_pulses_are_half_microsecond_counts_within_limits(library):
     for seconds, counts in (
         (1.5e-3, 3000),
         (1.0e-3, 2000),
@@ -150,7 +150,7 @@ def test_pulses_are_counts_of_half_a_microsecond_within_their_limits(library):
         assert library.host_duty(ctypes.c_double(duty)) == counts
 
 
-def test_frames_cut_into_pieces_and_surrounded_by_garbage_are_found(host):
+def test_finds_frames_split_and_surrounded_by_garbage(host):
     rng = np.random.default_rng(1)
     stream = b""
     for _ in range(50):
@@ -160,7 +160,7 @@ def test_frames_cut_into_pieces_and_surrounded_by_garbage_are_found(host):
     assert host.counts()["accepted"] == 50
 
 
-def test_who_gets_in_is_counted_and_refused(host):
+def test_counts_accepted_and_rejected_frames_by_reason(host):
     good = host.pack("HEARTBEAT", type=6)
     host.work(good)
     host.work(good)
@@ -173,7 +173,7 @@ def test_who_gets_in_is_counted_and_refused(host):
     assert found["skipped"] > 0
 
 
-def test_nothing_recorded_before_a_restart_gets_in(library, written):
+def test_frames_recorded_before_restart_are_rejected(library, written):
     first = Host(library, written.dialect)
     old = [first.pack("HEARTBEAT", type=6) for _ in range(20)]
     first.run(10, old[0])
@@ -191,8 +191,8 @@ def test_nothing_recorded_before_a_restart_gets_in(library, written):
 
 
 @pytest.mark.thorough
-def test_the_c_library_lets_in_only_what_ours_does(host):
-    """Frames of several senders, stale, repeated and out of order, through both ends: whatever C takes, ours takes."""
+def test_c_link_accepts_only_frames_that_python_link_accepts(host):
+    """Stale, repeated and unordered frames of several senders: Python accepts each frame that C accepts."""
     rng = np.random.default_rng(7)
     behind = [0.0, 0.5, 30.0, 70.0]
     senders = [
@@ -220,7 +220,7 @@ def test_the_c_library_lets_in_only_what_ours_does(host):
     assert only_ours < 0.02 * both
 
 
-def test_the_key_is_owner_only_and_nowhere_else(written):
+def test_key_file_is_private_and_key_is_in_no_other_file(written):
     key = written.folder / "key.bin"
     assert key.stat().st_mode & 0o777 == 0o600
     assert KEY.secret in key.read_bytes()
@@ -230,7 +230,7 @@ def test_the_key_is_owner_only_and_nowhere_else(written):
     assert STAMP  # the tests' first stamp is older than any build's
 
 
-def test_the_board_reads_the_key_it_was_given_and_no_other(library):
+def test_board_reads_valid_key_image_and_rejects_corrupt_ones(library):
     class VehicleKey(ctypes.Structure):
         _fields_ = (("secret", ctypes.c_uint8 * 32), ("since", ctypes.c_uint64))
 
@@ -244,8 +244,8 @@ def test_the_board_reads_the_key_it_was_given_and_no_other(library):
     assert not library.host_key(None, ctypes.byref(key))
 
 
-def test_the_watchdog_is_kicked_by_whole_ticks_only(host):
-    """Once a millisecond, its work done: a loop that goes round without time, or hangs in a tick, never does."""
+def test_watchdog_is_kicked_only_by_completed_ticks(host):
+    """One kick per completed tick of 1 ms. A loop whose time stands still does not kick."""
     host.run(10)
     before = host.library.host_kicks()
     for _ in range(50):
@@ -255,7 +255,7 @@ def test_the_watchdog_is_kicked_by_whole_ticks_only(host):
     assert host.library.host_kicks() == before + 250
 
 
-def test_a_board_that_must_not_be_armed_says_why(host):
+def test_board_that_cannot_arm_reports_reason(host):
     host.library.host_refuse(1)
     said = host.arm()
     (ack,) = [m for m in said if m.name == "COMMAND_ACK"]
@@ -273,12 +273,12 @@ def test_a_board_that_must_not_be_armed_says_why(host):
     assert host.pulses()[1] == NEUTRAL
 
 
-def test_what_the_start_came_from_is_said_once(host):
+def test_reset_cause_is_reported_once(host):
     said = host.run(4000, host.pack("HEARTBEAT", type=6))
     assert [m.get("text").rstrip("\0") for m in said if m.name == "STATUSTEXT"].count("started: watchdog") == 1
 
 
-def test_the_black_box_gets_the_flight_and_each_change_of_mode(host):
+def test_black_box_records_flight_and_mode_changes(host):
     assert host.library.host_recorded() == 0
     flying(host, 3000)
     host.run(2000)  # the commands stop: failsafe, lift off
@@ -293,7 +293,7 @@ def test_the_black_box_gets_the_flight_and_each_change_of_mode(host):
     assert rows[-1][4] >> 16 > 1000  # age of the command, ms
 
 
-def test_time_for_slow_work_is_given_while_disarmed_only(host):
+def test_slow_work_runs_only_while_disarmed(host):
     host.run(3000)
     assert host.library.host_rests() == 3
     flying(host, 2000)
@@ -313,7 +313,7 @@ def set_parameter(host, name, value):
     return host.run(1, packet)
 
 
-def test_parameters_are_listed_set_within_bounds_and_outlast_the_power(library, written):
+def test_parameters_are_listed_bounded_and_persistent(library, written):
     host = Host(library, written.dialect)
     defaults = parameters(host.run(10, host.pack("PARAM_REQUEST_LIST", target_system=1)))
     regulator = SpeedRegulator()
@@ -332,7 +332,7 @@ def test_parameters_are_listed_set_within_bounds_and_outlast_the_power(library, 
     assert parameters(again.run(10, again.pack("PARAM_REQUEST_LIST"))) == defaults | {"reg.kp": 0.125}
 
 
-def test_no_parameter_is_changed_while_armed(host):
+def test_rejects_parameter_change_while_armed(host):
     flying(host)
     said = set_parameter(host, "reg.kp", 0.5)
     assert parameters(said) == {"reg.kp": pytest.approx(0.08)}

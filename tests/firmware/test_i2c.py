@@ -1,4 +1,4 @@
-"""The bus between two STM32F405: both drivers, each on its own model of the registers, joined byte by byte."""
+"""The I2C bus between two STM32F405: both drivers on models of the registers, connected byte by byte."""
 
 import ctypes
 
@@ -60,7 +60,7 @@ def taken(device):
     return found
 
 
-def test_pieces_arrive_whole_with_their_times_and_words_go_back(ends):
+def test_messages_arrive_intact_with_timestamps_and_replies_return(ends):
     device, master = ends
     rng = np.random.default_rng(1)
     for k in range(300):
@@ -74,21 +74,21 @@ def test_pieces_arrive_whole_with_their_times_and_words_go_back(ends):
     assert taken(device) == []
 
 
-def test_a_reader_that_is_too_slow_loses_the_newest(ends):
+def test_slow_reader_loses_newest_messages(ends):
     device, master = ends
     for k in range(20):
         assert send(master, bytes([k]))
     assert [data for data, _ in taken(device)] == [bytes([k]) for k in range(16)]
 
 
-def test_a_piece_that_is_too_long_is_none(ends):
+def test_drops_too_long_message(ends):
     device, master = ends
     assert send(master, bytes(11))
     assert send(master, b"good")
     assert [data for data, _ in taken(device)] == [b"good"]
 
 
-def test_where_nobody_is_connected_it_says_so_and_goes_on_when_there_is(ends):
+def test_unconnected_bus_fails_and_recovers_on_connection(ends):
     device, master = ends
     master.device = None
     assert not send(master, b"lost")
@@ -100,14 +100,14 @@ def test_where_nobody_is_connected_it_says_so_and_goes_on_when_there_is(ends):
     assert [data for data, _ in taken(device)] == [b"there"]
 
 
-def test_a_device_that_is_off_refuses_its_address(ends):
+def test_disabled_device_does_not_acknowledge_its_address(ends):
     device, master = ends
     device.plain[CR1] = PE
     assert not send(master, b"lost")
     assert receive(master, 6) is None
 
 
-def test_a_bus_that_hangs_is_begun_anew_within_its_looks(ends):
+def test_stuck_bus_is_reset_within_poll_limit(ends):
     device, master = ends
     master.device, master.hangs = None, True  # a clock held low: the stop does not come
     assert not send(master, b"lost")
@@ -117,7 +117,7 @@ def test_a_bus_that_hangs_is_begun_anew_within_its_looks(ends):
     assert [data for data, _ in taken(device)] == [b"there"]
 
 
-def test_a_word_does_not_change_while_it_is_read(ends):
+def test_reply_does_not_change_while_being_read(ends):
     device, master = ends
     device.library.bus_answer(WORD, ctypes.c_size_t(len(WORD)))
     seen = []
@@ -133,8 +133,8 @@ def test_a_word_does_not_change_while_it_is_read(ends):
 
 
 @pytest.mark.parametrize("stuck", [0, 0xFFFFFFFF])
-def test_no_transfer_waits_without_an_end(ends, stuck):
-    """All registers read the same for ever: nothing is ever ready, or never done, and each call comes back."""
+def test_transfers_return_with_stuck_registers(ends, stuck):
+    """All registers read a constant, so no transfer completes; each call must still return."""
     library = ends[1].library
     get = ctypes.CFUNCTYPE(ctypes.c_uint32, ctypes.c_uint32)(lambda address: stuck)
     put = ctypes.CFUNCTYPE(None, ctypes.c_uint32, ctypes.c_uint32)(lambda address, value: None)

@@ -1,4 +1,4 @@
-"""The journal in flash: what was written before the power failed is found after it, whichever write was cut."""
+"""The journal in flash: completed records survive a power failure at any write."""
 
 import ctypes
 
@@ -48,8 +48,8 @@ def check(power, written, begun):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("garbage", [0, 1])
-def test_the_power_may_fail_at_every_single_operation(power, garbage):
-    """The same life of 150 records, sectors changing under it, cut at its first operation, its second, ... its last."""
+def test_survives_power_failure_at_every_flash_operation(power, garbage):
+    """A sequence of 150 records over changing sectors, cut at each of its flash operations in turn."""
     power.power_new(3, garbage)
     power.power_start(0, TAGS)
     live(power, np.random.default_rng(5), {}, {}, 150)
@@ -68,7 +68,7 @@ def test_the_power_may_fail_at_every_single_operation(power, garbage):
         assert power.power_abuses() == 0  # nothing was written where an erasure had not been finished
 
 
-def test_the_power_fails_again_and_again_also_while_it_starts(power):
+def test_survives_repeated_power_failures_during_startup(power):
     rng = np.random.default_rng(11)
     power.power_new(4, 1)
     written, begun, cuts = {}, {}, 0
@@ -84,8 +84,8 @@ def test_the_power_fails_again_and_again_also_while_it_starts(power):
     assert power.power_abuses() == 0
 
 
-def test_without_rest_it_goes_on_in_the_other_sector_and_then_refuses(power):
-    """Nothing is erased while armed: two sectors' worth of records, then no more, and each refusal counted."""
+def test_without_erasure_fills_second_sector_then_rejects_records(power):
+    """No sector is erased while armed: records fill two sectors, and each further record is rejected and counted."""
     power.power_new(1, 0)
     power.power_start(0, TAGS)
     before, capacity = power.power_erasures(), power.power_capacity()
@@ -100,8 +100,8 @@ def test_without_rest_it_goes_on_in_the_other_sector_and_then_refuses(power):
     assert append(power, 0, 99) == 1
 
 
-def test_what_is_not_copied_keeps_at_least_the_last_half(power):
-    """The black box: of a long flight after a rest, the last records are there."""
+def test_uncopied_records_keep_at_least_the_last_half(power):
+    """The black box keeps the last records of a long flight."""
     power.power_new(2, 0)
     power.power_start(0, 0)
     for k in range(400):

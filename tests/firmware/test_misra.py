@@ -7,7 +7,7 @@ import pytest
 from firmware.misra import DEVIATIONS, PAGE, PARTS, find_unreasoned, find_violations, page_text
 
 
-def test_page_has_titles_and_reasons_of_the_list():
+def test_page_matches_list_of_deviations_and_reasons():
     rows = re.findall(r"^\| ([\d.]+) \| (.+?) \| (\d*) \| (\d*) \| (.+?) \|$", PAGE.read_text("utf-8"), re.MULTILINE)
     assert len(rows) > 20
     assert {rule: (title, reason) for rule, title, _, _, reason in rows} == {r: DEVIATIONS[r] for r, *_ in rows}
@@ -16,7 +16,7 @@ def test_page_has_titles_and_reasons_of_the_list():
 
 @pytest.mark.thorough
 @pytest.mark.skipif(not shutil.which("cppcheck"), reason="needs Debian's cppcheck")
-def test_every_violated_rule_has_a_reason():
+def test_every_violated_misra_rule_has_a_reason():
     violations = find_violations()
     assert find_unreasoned(violations) == []
     written = {part: len(rows) for part, rows in violations.items()}

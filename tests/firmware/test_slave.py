@@ -1,4 +1,4 @@
-"""The slave's program on the computer: pieces as the scenarios' bus has them, units' lines, the lift fan's failsafe.
+"""The slave's program on this computer: bus messages, serial lines of the ranging units, failsafe of the lift fan.
 
 Source: Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5.
 """
@@ -96,8 +96,8 @@ def content(message):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("size", [6, 10, 11, 23, 24, 45])
-def test_messages_arrive_when_the_scenarios_bus_says(library, size):
-    """Offered at drawn milliseconds, seldom and in crowds: when each is there, and which are dropped."""
+def test_messages_arrive_at_times_of_simulated_bus(library, size):
+    """Arrival times and drops of messages offered at random times equal those of the simulated bus."""
     rng = np.random.default_rng(size)
     length = 3000
     offered = np.sort(rng.choice(length - 400, 90, replace=False))
@@ -140,8 +140,8 @@ def cut(message, begins):
     ]
 
 
-def test_whatever_is_lost_changed_or_put_between_only_whole_messages_come(library):
-    """Pieces lost, bits of a byte turned over, strange ones between: what was not touched arrives, and no other."""
+def test_only_intact_messages_survive_loss_corruption_and_insertion(library):
+    """Pieces are lost, corrupted or inserted: exactly the untouched messages arrive."""
     rng = np.random.default_rng(7)
     pieces, whole, slot = [], [], 0
     for _ in range(2000):
@@ -169,7 +169,7 @@ def test_whatever_is_lost_changed_or_put_between_only_whole_messages_come(librar
     assert found == [*whole, b"end"]
 
 
-def test_a_message_that_is_too_long_or_of_the_wrong_length_is_none(library):
+def test_rejects_message_of_wrong_length(library):
     queue = Queue()
     for name, n in ((PING, 41), (LIFT, 1), (LIFT, 3)):
         assert not library.pieces_offer(ctypes.byref(queue), ctypes.c_int64(0), name, bytes(50), ctypes.c_size_t(n))
@@ -177,14 +177,14 @@ def test_a_message_that_is_too_long_or_of_the_wrong_length_is_none(library):
 
 
 LINES = {
-    "a beacon's": ("VR=2.0,ID=01:dc:8b:7c:0a:00:00:35,SP=MIT-6,DB=182,DR=5123,TM=5440,TS=24608", (6, 5123)),
+    "reply of a beacon": ("VR=2.0,ID=01:dc:8b:7c:0a:00:00:35,SP=MIT-6,DB=182,DR=5123,TM=5440,TS=24608", (6, 5123)),
     "a number for a name": ("SP=17,DR=1", (17, 1)),
     "the other order": ("DR=65535,SP=0", (0, 65535)),
     "no beacon": ("VR=2.0,DB=182,DR=5123,TS=1", None),
     "no time of flight": ("SP=6,DB=182", None),
     "no number": ("SP=MIT,DR=5123", None),
-    "a beacon that can't be": ("SP=256,DR=5123", None),
-    "a flight that can't be": ("SP=6,DR=65536", None),
+    "invalid beacon number": ("SP=256,DR=5123", None),
+    "invalid time of flight": ("SP=6,DR=65536", None),
     "one that overflows": ("SP=6,DR=42949672965", None),
     "half a number": ("SP=6,DR=5x23", None),
     "a longer name": ("SSP=6,DR=5123", None),
@@ -194,7 +194,7 @@ LINES = {
 
 
 @pytest.mark.parametrize("name", LINES)
-def test_lines_of_a_cricket(library, name):
+def test_parses_lines_of_cricket_unit(library, name):
     line, wanted = LINES[name]
     parser, reply = ctypes.create_string_buffer(64), Reply()
     found = [
@@ -205,7 +205,7 @@ def test_lines_of_a_cricket(library, name):
     assert found == ([] if wanted is None else [wanted]) + [(3, 77)]
 
 
-def test_garbage_on_a_units_line_is_survived(library):
+def test_parser_survives_garbage_on_serial_line(library):
     rng = np.random.default_rng(3)
     parser, reply = ctypes.create_string_buffer(64), Reply()
     alphabet = np.frombuffer(b"SPDR=,0123456789\r\n-x\xff\0", np.uint8)
@@ -250,7 +250,7 @@ def rig(library):
     return Rig(library)
 
 
-def test_units_are_asked_in_turn_and_their_replies_come_through_with_the_pings_time(rig):
+def test_units_are_polled_in_turn_and_replies_carry_ping_time(rig):
     replies = [
         (0, 40, "SP=B4,DR=5123\r\nSP=B7,DR=6001\r\n"),
         (0, 70, "SP=B4,DR=9999\r\nSP=B9,DR=8000\r\n"),  # an echo, and another one
@@ -271,7 +271,7 @@ def test_units_are_asked_in_turn_and_their_replies_come_through_with_the_pings_t
     assert rig.library.host_kicks() == 700
 
 
-def test_the_lift_fan_turns_by_the_word_and_stops_250_ms_after_the_last_new_one(rig):
+def test_lift_fan_stops_250_ms_after_last_new_command(rig):
     rig.run(300, lift=0)
     assert rig.library.host_pulse() == OFF
     rig.run(40, lift=1)
@@ -288,7 +288,7 @@ def test_the_lift_fan_turns_by_the_word_and_stops_250_ms_after_the_last_new_one(
     assert rig.library.host_pulse() == OFF
 
 
-def test_a_bus_that_is_cut_stops_the_lift_fan_and_is_counted(rig):
+def test_cut_bus_stops_lift_fan_and_is_counted(rig):
     rig.run(100, lift=1)
     rig.library.host_bus(0)
     rig.run(251, lift=1, replies=[(0, 210, "SP=1,DR=1000\r\n")])
@@ -299,7 +299,7 @@ def test_a_bus_that_is_cut_stops_the_lift_fan_and_is_counted(rig):
     assert rig.library.host_pulse() == ON
 
 
-def test_until_it_has_heard_a_word_the_lift_fan_stands(rig):
+def test_lift_fan_stays_off_until_first_valid_command(rig):
     rig.library.host_word(bytes([0xA5, LIFT, 1, 0, 0, 0]), ctypes.c_size_t(6))  # its check is wrong
     rig.run(500)
     assert rig.library.host_pulse() == OFF

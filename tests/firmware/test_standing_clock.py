@@ -1,4 +1,4 @@
-"""An emulated board in lockstep: its time stands still until the command of an instant has come."""
+"""An emulated board in lockstep: its time stops until the command of the current instant arrives."""
 
 import shutil
 from contextlib import closing
@@ -29,7 +29,7 @@ def command(peer, t):
     peer.send("COMMAND", t=t, valid=True, rudder_pulse=1.5e-3, speed_rpm=6000.0)
 
 
-def test_time_goes_on_with_the_command_of_the_instant_and_with_no_other(peer):
+def test_lockstep_time_advances_only_with_command_of_current_instant(peer):
     assert instants(peer.listen(0.2)) == []  # nobody with the key has spoken
     peer.send("COMMAND_LONG", target_system=1, command=400, param1=1.0)
     first = peer.listen(5.0, lambda m: m.name == "INSTANT") + peer.listen(0.2)
@@ -44,7 +44,7 @@ def test_time_goes_on_with_the_command_of_the_instant_and_with_no_other(peer):
     assert instants(peer.listen(0.2)) == []
 
 
-def test_commands_reach_the_pulses_a_tick_later_by_the_boards_time(peer):
+def test_commands_reach_pulses_one_tick_later(peer):
     heard = peer.listen(0.1)
     for t in range(10_000, 300_000, 10_000):
         command(peer, t)

@@ -69,7 +69,7 @@ def chip(library):
 
 
 @pytest.mark.parametrize("crystal", [True, False])
-def test_168_mhz_from_the_crystal_or_without_it(library, crystal):
+def test_clocks_run_at_168_mhz_with_or_without_crystal(library, crystal):
     chip = Chip(library, crystal=crystal)
     assert library.clock_begin() == crystal
     assert chip.frequencies() == (168e6, 42e6, 84e6)
@@ -78,14 +78,14 @@ def test_168_mhz_from_the_crystal_or_without_it(library, crystal):
     chip.check()
 
 
-def test_without_a_crystal_it_must_not_be_armed(library):
+def test_board_without_crystal_cannot_be_armed(library):
     chip = Chip(library, crystal=False)
     library.board_begin(library.clock_begin())
     assert library.board_refusal() == b"no crystal"
     chip.check()
 
 
-def test_a_board_that_starts_well_may_be_armed(library, chip):
+def test_board_can_be_armed_after_clean_start(library, chip):
     library.board_begin(library.clock_begin())
     assert library.board_refusal() is None
     assert chip.pulses() == (pytest.approx(50.0), pytest.approx([1.5e-3, 1.5e-3, 1.0e-3]))
@@ -94,7 +94,7 @@ def test_a_board_that_starts_well_may_be_armed(library, chip):
     assert not chip.watchdog["reset"]  # whatever was erased
 
 
-def test_the_pins_are_open_until_the_pulses_are_right_and_again_after_a_fault(library, chip):
+def test_servo_pins_are_outputs_only_while_pulses_are_valid(library, chip):
     library.servo_begin()
     last = {address: k for k, (address, _) in enumerate(chip.order)}
     assert last[0x40020800] == max(last.values())
@@ -108,7 +108,7 @@ def test_the_pins_are_open_until_the_pulses_are_right_and_again_after_a_fault(li
 
 
 @pytest.mark.parametrize("slow_clock", [17_000.0, 32_000.0, 47_000.0])
-def test_the_watchdog_resets_within_100_ms_of_the_last_kick_and_not_before_34(library, slow_clock):
+def test_watchdog_resets_between_34_and_100_ms_after_last_kick(library, slow_clock):
     chip = Chip(library, slow_clock=slow_clock)
     library.watchdog_begin()
     for _ in range(300):  # 10 ms late is late enough for any tick
@@ -122,7 +122,7 @@ def test_the_watchdog_resets_within_100_ms_of_the_last_kick_and_not_before_34(li
     chip.check()
 
 
-def test_an_error_of_before_does_not_spoil_the_next_write(library, chip):
+def test_earlier_flash_error_does_not_affect_next_write(library, chip):
     library.watchdog_begin()
     chip.plain[0x40023C0C] = 0xF2  # as after a write that a reset cut short
     assert library.flash_program(0x08008000, 0x12345678)
@@ -132,7 +132,7 @@ def test_an_error_of_before_does_not_spoil_the_next_write(library, chip):
 
 
 @pytest.mark.parametrize("slow_clock", [17_000.0, 47_000.0])
-def test_an_erasure_does_not_set_the_watchdog_off_and_leaves_it_short(library, slow_clock):
+def test_flash_erase_does_not_trigger_watchdog_or_extend_it(library, slow_clock):
     chip = Chip(library, slow_clock=slow_clock)
     library.watchdog_begin()
     assert library.flash_erase(0x080C0000)
@@ -147,13 +147,13 @@ def test_an_erasure_does_not_set_the_watchdog_off_and_leaves_it_short(library, s
     ("flags", "cause"),
     [(0x0E, b"power on"), (0x24, b"watchdog"), (0x06, b"brown-out"), (0x14, b"fault"), (0x04, b"reset pin")],
 )
-def test_the_cause_of_the_reset(library, chip, flags, cause):
+def test_reset_cause_is_read_and_cleared(library, chip, flags, cause):
     chip.plain[0x40023874] = flags << 24
     assert library.reset_cause() == cause
     assert chip.plain[0x40023874] == 0  # else the next one is not told from it
 
 
-def test_brown_out_is_set_once_and_nothing_else_in_the_option_bytes(library, chip):
+def test_brown_out_level_is_set_once_without_changing_other_options(library, chip):
     before = chip.plain[0x40023C14]
     library.brown_out_begin()
     assert chip.plain[0x40023C14] == before & ~0xC
@@ -169,7 +169,7 @@ def take(library):
     return bytes(taken)
 
 
-def test_bytes_come_in_by_dma_whole_and_in_order_over_many_laps(library, chip):
+def test_dma_reception_keeps_bytes_complete_and_in_order(library, chip):
     library.usart_begin()
     rng = np.random.default_rng(1)
     sent = taken = b""
@@ -185,7 +185,7 @@ def test_bytes_come_in_by_dma_whole_and_in_order_over_many_laps(library, chip):
     assert library.usart_lost() == 0
 
 
-def test_a_reader_that_is_late_loses_the_oldest_and_counts_them(library, chip):
+def test_late_reader_loses_oldest_bytes_and_counts_them(library, chip):
     library.usart_begin()
     data = bytes(np.random.default_rng(2).integers(0, 256, 6000, dtype=np.uint8))
     chip.receive(data[:3000])
@@ -198,7 +198,7 @@ def test_a_reader_that_is_late_loses_the_oldest_and_counts_them(library, chip):
     assert len(taken) >= 2048
 
 
-def test_bytes_go_out_by_dma_in_order_all_of_a_message_or_none(library, chip):
+def test_dma_transmission_sends_messages_whole_and_in_order(library, chip):
     library.usart_begin()
     rng = np.random.default_rng(3)
     accepted, refusals = b"", 0
@@ -216,7 +216,7 @@ def test_bytes_go_out_by_dma_in_order_all_of_a_message_or_none(library, chip):
     assert refusals > 0
 
 
-def test_pulses_of_the_receiver_are_measured_and_forgotten_after_100_ms(library, chip):
+def test_receiver_pulses_are_measured_and_expire_after_100_ms(library, chip):
     library.receiver_begin()
     us = (ctypes.c_uint16 * 3)()
     assert not library.receiver_read(us)
@@ -243,7 +243,7 @@ def test_pulses_of_the_receiver_are_measured_and_forgotten_after_100_ms(library,
     assert not library.receiver_read(us)  # one channel alone is no receiver
 
 
-def test_the_encoder_is_read_as_it_was_at_the_ticks_asked_for(library, chip):
+def test_encoder_returns_count_at_requested_tick(library, chip):
     library.encoder_begin()
     assert chip.plain[0x40000808] & 7 == 3  # both edges of both inputs
     counts = [(ms * 977) % 65536 for ms in range(400)]
@@ -256,7 +256,7 @@ def test_the_encoder_is_read_as_it_was_at_the_ticks_asked_for(library, chip):
     assert library.encoder_count(ctypes.c_int64(5 * MS)) == counts[144]  # older than what is kept: the oldest
 
 
-def test_time_goes_on_over_the_timers_end_and_while_interrupts_are_held_up(library, chip):
+def test_time_is_continuous_over_timer_overflow(library, chip):
     library.board_begin(library.clock_begin())
     assert (chip.plain[0x40000028] + 1) * 2_000_000 == 84_000_000
     start = library.board_now()
@@ -266,7 +266,7 @@ def test_time_goes_on_over_the_timers_end_and_while_interrupts_are_held_up(libra
     assert library.board_now() - start == (2**32 + 0x10) * 5
 
 
-def test_stamp_parameters_and_black_box_outlast_the_power(library, chip, drivers, tmp_path):
+def test_stamp_parameters_and_black_box_survive_power_loss(library, chip, drivers, tmp_path):
     library.board_begin(library.clock_begin())
     for number in (2**40 + 5, 2**41 + 7):
         library.board_remember(ctypes.c_uint64(number))
@@ -306,7 +306,7 @@ def running(library, chip):
     return sensor, go
 
 
-def test_the_inertial_sensor_is_started_and_read_in_si_units(library, chip):
+def test_inertial_sensor_is_started_and_read_in_si_units(library, chip):
     sensor, go = running(library, chip)
     assert library.icm_good(sensor)
     force, rate = (1.5, -20.25, 9.8), (0.5, -8.0, 2.25)
@@ -319,7 +319,7 @@ def test_the_inertial_sensor_is_started_and_read_in_si_units(library, chip):
     assert tuple(go(rate=(0, -9.0, 0)).saturated) == (False, True)
 
 
-def test_samples_come_once_each(library, chip):
+def test_each_inertial_sample_is_delivered_once(library, chip):
     sensor, go = running(library, chip)
     assert all(go() is not None for _ in range(20))
     assert not library.icm_work(sensor, ctypes.c_int64(90 * MS + 1), ctypes.byref(IcmSample()))
@@ -327,8 +327,8 @@ def test_samples_come_once_each(library, chip):
 
 @pytest.mark.thorough("dead", "frozen", "reset")
 @pytest.mark.parametrize("fault", ["another", "dead", "frozen", "reset"])
-def test_a_sensor_that_fails_is_found_out_and_started_anew(library, chip, fault):
-    """Another chip, a line that is open, samples equal to the bit, a reset that lost its settings."""
+def test_failed_inertial_sensor_is_detected_and_restarted(library, chip, fault):
+    """Faults: another chip, an open line, identical samples, a reset that lost the settings."""
     sensor, go = running(library, chip)
     if fault == "another":
         chip.icm.identity = 0x12
@@ -348,8 +348,8 @@ def test_a_sensor_that_fails_is_found_out_and_started_anew(library, chip, fault)
 
 
 @pytest.mark.parametrize("stuck", [0, 0xFFFFFFFF])
-def test_no_driver_waits_without_an_end(library, stuck):
-    """All registers read the same for ever: nothing is ever ready, or never done, and each call comes back."""
+def test_drivers_return_with_stuck_registers(library, stuck):
+    """All registers read a constant, so no operation completes; each call must still return."""
     get = ctypes.CFUNCTYPE(ctypes.c_uint32, ctypes.c_uint32)(lambda address: stuck)
     put = ctypes.CFUNCTYPE(None, ctypes.c_uint32, ctypes.c_uint32)(lambda address, value: None)
     library.model_connect(get, put)

@@ -88,7 +88,7 @@ def craft(program, tmp_path):
     return Craft(program, tmp_path)
 
 
-def test_the_sensors_samples_reach_the_autopilot_along_the_vehicles_axes(craft):
+def test_imu_samples_reach_autopilot_in_body_axes(craft):
     craft.run(100, craft.pack("HEARTBEAT", type=6))
     craft.force, craft.rate = np.array([1.0, 0.5, 9.8]), np.array([0.1, 0.2, 0.7])
     craft.run(20)
@@ -100,7 +100,7 @@ def test_the_sensors_samples_reach_the_autopilot_along_the_vehicles_axes(craft):
     np.testing.assert_allclose([m.get("angular_rate") for m in said], [[0.1, -0.2, -0.7]] * len(said), atol=1e-3)
 
 
-def test_it_is_armed_driven_and_stops_when_the_commands_stop(craft):
+def test_arms_drives_and_stops_when_commands_stop(craft):
     craft.run(100, craft.pack("HEARTBEAT", type=6))
     (ack,) = [m for m in craft.arm() if m.name == "COMMAND_ACK"]
     assert ack.get("result") == 0
@@ -115,7 +115,7 @@ def test_it_is_armed_driven_and_stops_when_the_commands_stop(craft):
     assert craft.chip.pulses()[1][1] == NEUTRAL
 
 
-def test_it_is_not_armed_while_its_sensor_is_dead(craft):
+def test_rejects_arming_while_inertial_sensor_is_dead(craft):
     craft.run(100, craft.pack("HEARTBEAT", type=6))
     craft.chip.icm.dead = True
     craft.run(50)
@@ -124,7 +124,7 @@ def test_it_is_not_armed_while_its_sensor_is_dead(craft):
     assert [m.get("text").rstrip("\0") for m in said if m.name == "STATUSTEXT"] == ["not armed: inertial sensor"]
 
 
-def test_a_loop_that_hangs_in_flight_is_reset_within_100_ms(craft):
+def test_stuck_loop_in_flight_is_reset_within_100_ms(craft):
     craft.run(100, craft.pack("HEARTBEAT", type=6))
     craft.arm()
     for _ in range(50):
@@ -138,7 +138,7 @@ def test_a_loop_that_hangs_in_flight_is_reset_within_100_ms(craft):
     assert craft.chip.watchdog["reset"]
 
 
-def test_the_stamp_is_in_flash_and_the_black_box_has_the_flight(craft):
+def test_stamp_and_black_box_of_flight_are_in_flash(craft):
     craft.run(100, craft.pack("HEARTBEAT", type=6))
     craft.arm()
     for _ in range(100):

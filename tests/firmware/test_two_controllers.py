@@ -111,7 +111,7 @@ def pair(program, tmp_path):  # noqa: F811
     pair.chip.bus.check()
 
 
-def test_a_units_replies_reach_the_autopilot_as_a_sample_of_the_ping(pair):
+def test_unit_replies_reach_autopilot_as_sample_of_their_ping(pair):
     pair.lines = [(1, 150, "SP=B1,DR=6000\r\n"), (0, 240, "VR=2.0,SP=B3,DR=9000\r\nVR=2.0,SP=B5,DR=12000\r\n")]
     pair.lines += [(0, 320, "SP=B3,DR=9100\r\n"), (1, 550, "SP=B27,DR=5000\r\nSP=B28,DR=5000\r\n")]  # there are 28
     pair.run(50, pair.pack("HEARTBEAT", type=6))
@@ -130,7 +130,7 @@ def test_a_units_replies_reach_the_autopilot_as_a_sample_of_the_ping(pair):
     assert pair.slave.asked[0][:6] == b"P\r\nP\r\n"
 
 
-def test_the_lift_fan_of_the_second_board_follows_the_failsafe_of_the_first(pair):
+def test_lift_fan_of_second_board_follows_failsafe_of_first(pair):
     pair.run(100, pair.pack("HEARTBEAT", type=6))
     assert pair.slave.lift() == pytest.approx(1e-3)
     pair.arm()
@@ -142,8 +142,8 @@ def test_the_lift_fan_of_the_second_board_follows_the_failsafe_of_the_first(pair
 
 
 @pytest.mark.parametrize("dies", ["cut", "hangs"])
-def test_the_lift_fan_stops_when_the_first_board_is_lost(pair, dies):
-    """A bus that is cut, or a program that hangs while its interrupts go on giving the last word."""
+def test_lift_fan_stops_when_first_board_is_lost(pair, dies):
+    """The bus is cut, or the first program is stuck while its interrupts repeat the last command."""
     pair.run(100, pair.pack("HEARTBEAT", type=6))
     pair.arm()
     for _ in range(20):

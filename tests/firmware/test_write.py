@@ -1,4 +1,4 @@
-"""What is written for a board, and what is refused."""
+"""The files written for a board, and invalid arguments."""
 
 import re
 import subprocess
@@ -35,20 +35,20 @@ def forward():
     return catalogue.load_scenario("hovercraft/forward", {})[0]
 
 
-def test_another_board_is_refused(tmp_path):
+def test_rejects_unknown_board(tmp_path):
     with pytest.raises(InputError, match="cortex-m7"):
         write_firmware(forward(), tmp_path / "out", KEY, board="z80")
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.thorough
-def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
+def test_rejects_unwritable_folder(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="out"):
         write_firmware(forward(), tmp_path / "file", KEY)
 
 
-def test_a_block_that_needs_a_workspace_is_refused():
+def test_rejects_block_that_needs_a_workspace():
     def step(p, s, u):
         return s, jnp.cumsum(jnp.sin(jnp.arange(30_000.0) * u))[::-1].sum()
 
@@ -57,14 +57,14 @@ def test_a_block_that_needs_a_workspace_is_refused():
         refuse_workspaces([wide])
 
 
-def test_the_links_of_the_scenario_are_left_out_and_servo_frames_are_the_firmwares():
+def test_hardware_scenario_omits_links_and_uses_firmware_servo_frame():
     world = replace_hardware(forward()).world
     assert {type(world.uplink).__name__, type(world.downlink).__name__} == {"Wire"}
     assert world.actuators.frame == world.actuators.period == 10_000
 
 
 @pytest.mark.thorough
-def test_the_instants_are_those_of_the_world(written):
+def test_instants_are_those_of_the_simulated_world(written):
     text = (written.folder / "emulated" / "instants.h").read_text()
     assert re.search(r"PERIODS\[\] = {10000, 60000}", text)
 
@@ -76,7 +76,7 @@ class Many:
     field: object = quantity("T", "Measured.", shape=(40,))
 
 
-def test_a_sample_in_several_messages_is_sent_with_every_number_once():
+def test_sample_split_over_messages_sends_each_element_once():
     value = Many(field=np.zeros(40))
     sample = Sample(value, np.int64(0), np.float64(0), np.bool_(False), np.bool_(False))
     frame, command = Frame(np.int64(0), {"array": sample}), Command(np.int64(0), np.bool_(False), value)
@@ -87,7 +87,7 @@ def test_a_sample_in_several_messages_is_sent_with_every_number_once():
     assert text.count("link_send") == len(dialect.groups["samples.array"]) == 2
 
 
-def test_without_the_generator_no_key_is_made(tmp_path, monkeypatch):
+def test_missing_mavlink_generator_creates_no_key(tmp_path, monkeypatch):
     monkeypatch.setenv("TRIMTAB_CONFIG", str(tmp_path / "config"))
     monkeypatch.setitem(sys.modules, "pymavlink.generator.mavgen", None)
     monkeypatch.delattr("pymavlink.generator.mavgen", raising=False)
@@ -99,7 +99,7 @@ def test_without_the_generator_no_key_is_made(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("verb", ["firmware swarm/formation --out out", "vehicle swarm/formation --listen udp://:0"])
-def test_a_swarm_is_no_vehicle_and_no_key_is_made(tmp_path, monkeypatch, verb):
+def test_rejects_swarm_and_creates_no_key(tmp_path, monkeypatch, verb):
     monkeypatch.setenv("TRIMTAB_CONFIG", str(tmp_path / "config"))
     said = CliRunner().invoke(main, verb.split())
     assert said.exit_code == 2
@@ -109,7 +109,7 @@ def test_a_swarm_is_no_vehicle_and_no_key_is_made(tmp_path, monkeypatch, verb):
     assert not (tmp_path / "config").exists()
 
 
-def test_a_clock_that_stands_still_is_of_an_emulated_board(tmp_path):
+def test_rejects_lockstep_without_emulated_board(tmp_path):
     words = ["firmware", "hovercraft/forward", "--out", str(tmp_path / "out"), "--lockstep"]
     for more in ([], ["--emulate", "5760", "--board", "stm32f405"]):
         said = CliRunner().invoke(main, [*words, *more])
@@ -119,7 +119,7 @@ def test_a_clock_that_stands_still_is_of_an_emulated_board(tmp_path):
 
 
 @pytest.mark.thorough
-def test_the_command_writes_a_folder_with_a_new_key(tmp_path, monkeypatch):
+def test_command_writes_folder_and_creates_key(tmp_path, monkeypatch):
     monkeypatch.setenv("TRIMTAB_CONFIG", str(tmp_path / "config"))
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "cache"))
     words = ["firmware", "hovercraft/forward", "--out", str(tmp_path / "out"), "--board", "cortex-m4"]
@@ -137,8 +137,8 @@ def test_the_command_writes_a_folder_with_a_new_key(tmp_path, monkeypatch):
     assert image[8:40] not in (tmp_path / "out" / "firmware.elf").read_bytes()
 
 
-def test_port_and_what_is_said_of_it_agree():
-    """Each function of port.h is written by every board, and the README counts them."""
+def test_port_functions_are_implemented_used_and_documented():
+    """Every board implements each function of port.h, and the README gives their number."""
     firmware = Path(__file__).parents[2] / "firmware"
     text = re.sub(r"/\*.*?\*/", "", (firmware / "portable" / "port.h").read_text(), flags=re.DOTALL)
     functions = re.findall(r"(board_\w+)\(", text)
@@ -160,7 +160,7 @@ def test_port_and_what_is_said_of_it_agree():
     assert "four functions" not in (firmware.parent / "docs" / "how-to" / "first-flight.md").read_text()
 
 
-def test_the_firmware_names_modes_and_causes_as_the_failsafe_does():
+def test_mode_and_cause_names_match_the_failsafe():
     text = (Path(__file__).parents[2] / "firmware" / "portable" / "station.c").read_text()
     for name, words in (("MODES", MODES), ("CAUSES", CAUSES)):
         (listed,) = re.findall(rf"const {name}\[\] = {{(.*?)}};", text, re.DOTALL)
@@ -168,8 +168,8 @@ def test_the_firmware_names_modes_and_causes_as_the_failsafe_does():
         assert f"name({name}, out->{name[:-1].lower()}, {len(words)})" in text
 
 
-def test_the_gains_that_were_set_are_the_boards():
-    """A regulator's gain, a motor's inertia; the defaults for a scenario without a regulated fan."""
+def test_firmware_uses_regulator_and_motor_settings_of_scenario():
+    """Gain of the regulator and inertia of the motor; defaults for a scenario without a regulated fan."""
     settings = {"world.actuators.fan.regulator.kp": "0.0123", "world.actuators.fan.motor.inertia": "4.56e-5"}
     for given, wanted in (({}, (0.08, 2.2e-5)), (settings, (0.0123, 4.56e-5))):
         scenario = build("hovercraft/forward", given)

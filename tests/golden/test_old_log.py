@@ -46,21 +46,21 @@ def rewritten(target, change):
     return target
 
 
-def test_it_comes_again_to_the_bit():
+def test_old_log_replays_bit_for_bit():
     code, found = replayed(OLD)
     assert (code, found["equal"], found["first"], found["steps"]) == (0, True, None, STEPS)
     assert found["exact"] or not found["strict"]  # strict where the machine and the backend are those of the log
 
 
 @pytest.mark.thorough
-def test_written_anew_it_is_still_the_same(tmp_path):
+def test_rewritten_log_replays_bit_for_bit(tmp_path):
     code, found = replayed(rewritten(tmp_path / "same.mcap", lambda *_: None))
     assert (code, found["equal"], found["steps"]) == (0, True, STEPS)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("topic", "path"), [("/command", "value.rudder_pulse"), ("/law", "demand.FY")])
-def test_one_number_whose_last_bit_is_flipped_is_found(tmp_path, topic, path):
+def test_replay_detects_flipped_last_bit(tmp_path, topic, path):
     block, name = path.split(".")
 
     def flip(where, time_ns, content):

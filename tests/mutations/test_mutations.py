@@ -1,4 +1,4 @@
-"""The lists of mutations beside this file still name what is there; `run.py` tries them."""
+"""The lists of mutations match the sources; `run.py` tries the mutations."""
 
 import ast
 from collections import Counter
@@ -18,7 +18,7 @@ def test_each_mutation_matches_one_place():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("mutation", MUTATIONS, ids=[m.name for m in MUTATIONS])
-def test_a_mutation_changes_one_place_and_python_stays_valid(mutation):
+def test_mutation_changes_one_place_and_keeps_python_valid(mutation):
     text = (ROOT / mutation.file).read_text(encoding="utf-8")
     assert text.count(mutation.old) == 1, f"in {mutation.file}: {mutation.old}"
     assert mutation.old != mutation.new
@@ -27,5 +27,5 @@ def test_a_mutation_changes_one_place_and_python_stays_valid(mutation):
     assert all((ROOT / t).is_file() for t in mutation.tests)
 
 
-def test_names_are_unique():
+def test_mutation_names_are_unique():
     assert not [name for name, n in Counter(m.name for m in MUTATIONS).items() if n > 1]

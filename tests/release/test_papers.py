@@ -1,4 +1,4 @@
-"""What goes with a release says the same as the package: version, licences, extras, how to cite, what is new."""
+"""Documents of a release agree with the package: version, licences, extras, citation, changelog."""
 
 import re
 import subprocess
@@ -21,7 +21,7 @@ def read(name):
     return (ROOT / name).read_text(encoding="utf-8")
 
 
-def test_the_version_stands_in_one_place_and_the_papers_agree():
+def test_version_is_defined_once_and_documents_agree():
     assert "version" not in PROJECT["project"]
     assert PROJECT["tool"]["hatch"]["version"] == {"path": "src/trimtab/__init__.py"}
     assert re.search(r"^version: (\S+)$", read("CITATION.cff"), re.MULTILINE)[1] == trimtab.__version__
@@ -29,8 +29,8 @@ def test_the_version_stands_in_one_place_and_the_papers_agree():
     assert f"Version {trimtab.__version__.rpartition('.')[0]}" in read("README.md")
 
 
-def test_every_package_that_comes_along_is_listed_with_its_licence():
-    """On another Python a package may say its licence in more words, and fewer may be needed."""
+def test_every_dependency_is_listed_with_its_licence():
+    """On another Python the licence text of a package may be longer, and fewer packages may be needed."""
     rows = read_rows()
     assert len(rows) > 70
     for name, doors in find_packages().items():
@@ -40,7 +40,7 @@ def test_every_package_that_comes_along_is_listed_with_its_licence():
         assert set(doors) <= set(rows[name][1].split(", ")), name
 
 
-def test_what_always_comes_is_permissive_and_copyleft_is_named_on_the_page():
+def test_required_dependencies_are_permissive_and_copyleft_is_named():
     copyleft = {name for name, (text, _) in read_rows().items() if COPYLEFT.search(text)}
     assert copyleft == {"pymavlink"}
     assert "always" not in read_rows()["pymavlink"][1]
@@ -48,14 +48,14 @@ def test_what_always_comes_is_permissive_and_copyleft_is_named_on_the_page():
 
 
 @pytest.mark.parametrize("extra", PROJECT["project"]["optional-dependencies"])
-def test_every_extra_is_explained(extra):
-    """A user's in the README's table; a developer's in CONTRIBUTING."""
+def test_every_extra_is_documented(extra):
+    """Extras for users are in the README's table, those for developers in CONTRIBUTING."""
     page = read("CONTRIBUTING.md") if extra in DEVELOPERS else read("README.md")
     assert re.search(rf"^\| `{extra}` \| .+ \|$", page, re.MULTILINE), extra
 
 
 @pytest.mark.thorough
-def test_an_extra_is_a_door_that_the_package_opens():
+def test_every_package_of_an_extra_is_imported():
     """What a user's extra brings is imported somewhere in the package or by a study."""
     text = "\n".join(p.read_text(encoding="utf-8") for d in ("src", "studies") for p in (ROOT / d).rglob("*.py"))
     for extra, requirements in find_requirements().items():

@@ -1,4 +1,4 @@
-"""What is handed on: a source archive and a wheel, small and whole, that fly where nothing else is."""
+"""The source archive and the wheel of a release are small and complete, and work in a clean environment."""
 
 import email
 import os
@@ -76,7 +76,7 @@ def contents(path):
 
 
 @pytest.mark.thorough
-def test_both_are_small_and_hold_what_is_used_and_nothing_else(release):
+def test_archive_and_wheel_are_small_and_contain_only_needed_files(release):
     archive, wheel = release
     print({path.name: path.stat().st_size for path in release})
     assert all(path.stat().st_size < LIMIT for path in release)
@@ -95,7 +95,7 @@ def test_both_are_small_and_hold_what_is_used_and_nothing_else(release):
 
 
 @pytest.mark.thorough
-def test_their_metadata_is_whole(release):
+def test_archive_and_wheel_metadata_are_complete(release):
     archive, wheel = release
     assert str(parse_sdist_filename(archive.name)[1]) == trimtab.__version__
     assert str(parse_wheel_filename(wheel.name)[1]) == trimtab.__version__
@@ -115,8 +115,8 @@ def test_their_metadata_is_whole(release):
 @pytest.mark.thorough
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("python", find_pythons(), ids=lambda p: f"{p.parents[1].name}/{p.name}")
-def test_a_wheel_flies_where_nothing_else_is(python, release, tmp_path):
-    """Doors of the README that need no extra, and `firmware`, which needs one, by the wheel alone."""
+def test_wheel_flies_in_clean_environment(python, release, tmp_path):
+    """Runs the README's commands that need no extra, and `firmware`, from the installed wheel."""
     venv, here = tmp_path / "venv", tmp_path / "here"
     here.mkdir()
     run(python, "-m", "venv", venv, cwd=here)

@@ -1,4 +1,4 @@
-"""What `trimtab new` writes, as it stands in the package: each test of it passes, and fails where the part is wrong."""
+"""Templates of `trimtab new`: their tests pass, and fail if the part is wrong."""
 
 import importlib
 import subprocess
@@ -24,7 +24,7 @@ SLIPS = {
 @pytest.mark.thorough("sensor", "scenario", "estimator", "link", "law")
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_template_passes_its_own_test(kind):
+def test_template_passes_its_own_tests(kind):
     module = importlib.import_module(f"trimtab.templates.test_my_{kind}")
     tests = [test for name, test in vars(module).items() if name.startswith("test_")]
     assert len(tests) >= 2
@@ -35,7 +35,7 @@ def test_a_template_passes_its_own_test(kind):
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("kind", KINDS)
-def test_its_test_notices_a_slip(kind, tmp_path):
+def test_template_tests_detect_an_injected_error(kind, tmp_path):
     files = read_files(kind, "own")
     old, new = SLIPS[kind]
     main = main_file(kind).replace(f"my_{kind}", "own")
