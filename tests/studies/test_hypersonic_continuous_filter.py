@@ -22,7 +22,7 @@ def _model():
 
 
 @pytest.mark.thorough
-def test_it_is_the_differential_equation_at_the_trim():
+def test_filter_matches_the_riccati_equation_at_trim():
     """Oracle: eta and the Riccati equation in one by scipy, where flight, input and measurement stand still."""
     _, x, _ = trim()
     A, C = _model()
@@ -44,7 +44,7 @@ def test_it_is_the_differential_equation_at_the_trim():
         np.testing.assert_allclose(P[k], want[4:, i].reshape(4, 4), rtol=1e-4, atol=1e-6)
 
 
-def test_its_covariance_settles_at_the_algebraic_equation():
+def test_covariance_converges_to_the_algebraic_riccati_solution():
     A, C = _model()
     one = to_arrays(ContinuousModeFilter(R=1e-4, substeps=2))
     eta, P = np.zeros(4), 1e-3 * np.eye(4)
@@ -57,7 +57,7 @@ def test_its_covariance_settles_at_the_algebraic_equation():
 
 
 @pytest.mark.thorough
-def test_printed_setting_is_the_observer_without_measurement():
+def test_printed_setting_equals_observer_without_measurement():
     """Oracle, filter: with R = 10 as a density the gain is all but nothing: errors within 1 % of no-update."""
     none = np.asarray(fly(*trim(), FlexibleModeFilter(corrects=False), noise=0.0)[0])
     printed = np.asarray(fly(*trim(), ContinuousModeFilter(), noise=0.0)[0])
@@ -67,7 +67,7 @@ def test_printed_setting_is_the_observer_without_measurement():
 
 
 @pytest.mark.thorough
-def test_as_flown_is_the_limit_of_as_published():
+def test_discrete_filter_approximates_the_published_continuous_filter():
     """The same densities in both: R of a sample is R/dt. Errors after the start agree to the length of the step."""
     continuous = ContinuousModeFilter(Q=(1e-4, 1.0, 1e-4, 1.0), R=0.02)
     discrete = FlexibleModeFilter(Q=(1e-4, 1.0, 1e-4, 1.0), R=0.02 / DT, P0=(1.0,) * 4)
@@ -77,7 +77,7 @@ def test_as_flown_is_the_limit_of_as_published():
     assert np.abs(errors[0] - errors[1]).max() > 0
 
 
-def test_a_step_too_long_for_the_gain_is_refused():
+def test_rejects_step_too_long_for_the_gain():
     ContinuousModeFilter().check()
     stiff = {"R": 5e-7, "P0": (1.0, 100.0, 1.0, 100.0)}
     with pytest.raises(InputError, match="too fast for steps"):

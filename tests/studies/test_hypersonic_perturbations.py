@@ -335,12 +335,12 @@ def surviving_rows(name):
 @pytest.mark.thorough
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", CASES)
-def test_each_row_that_holds_fails_under_a_perturbation(name):
+def test_each_holding_row_fails_under_a_perturbation(name):
     assert sorted(surviving_rows(name)) == []
 
 
 @pytest.mark.thorough
-def test_a_perturbation_is_undone():
+def test_perturbation_is_undone_afterwards():
     (group,) = list_groups(NAME, ["trim-and-model"])
     before = verdicts(group)
     with pytest.MonkeyPatch.context() as patch:

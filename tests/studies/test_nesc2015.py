@@ -37,7 +37,7 @@ def test_pictures_are_written(name, tmp_path):
 
 
 @pytest.mark.thorough
-def test_all_cases_and_their_terms_are_there():
+def test_all_cases_and_the_licence_are_present():
     assert sorted(p.stem for p in DATA.glob("*.csv")) == sorted([*_flights.cases(), *jet_cases()])
     assert "NASA OPEN SOURCE AGREEMENT" in (DATA / "LICENSE").read_text(encoding="utf-8")
     for case in _flights.cases():
@@ -47,7 +47,7 @@ def test_all_cases_and_their_terms_are_there():
 
 
 @pytest.mark.thorough
-def test_half_the_step_changes_nothing_that_a_band_could_see():
+def test_halving_the_step_size_leaves_signals_unchanged():
     for case in ("02", "03", "10"):
         fine = _flights.fly(case, 30, _flights.STEP / 2)
         for signal in SIGNALS:
@@ -79,7 +79,7 @@ WORLDS = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("world", WORLDS)
-def test_in_another_world_a_signal_leaves_the_band(world, monkeypatch):
+def test_signal_leaves_the_band_with_a_perturbed_model(world, monkeypatch):
     case, change, signal = WORLDS[world]
     other = other_world(case, **change(_flights.cases()[case].body))
     monkeypatch.setattr(_flights, "cases", lambda: {case: other})

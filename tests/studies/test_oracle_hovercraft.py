@@ -16,7 +16,7 @@ def read_table():
 
 
 @pytest.mark.thorough
-def test_the_table_is_what_the_program_gives_but_for_headings():
+def test_table_matches_oracle_program_except_headings():
     table, values = read_table(), hovercraft.compute(headings=False)
     assert values == {name: pytest.approx(table[name], rel=1e-9, abs=1e-12) for name in values}
     rest = [name for name in table if name not in values]
@@ -25,7 +25,7 @@ def test_the_table_is_what_the_program_gives_but_for_headings():
 
 
 @pytest.mark.thorough
-def test_the_whole_table_is_what_the_program_gives():
+def test_full_table_matches_oracle_program():
     """Runs that switch at every sample part at the last digit in the end: so the shares of frozen ones."""
     table, values = read_table(), hovercraft.compute()
     assert list(values) == list(table)
@@ -33,21 +33,21 @@ def test_the_whole_table_is_what_the_program_gives():
     assert values == {name: pytest.approx(table[name], rel=1e-6, abs=loose.get(name, 1e-9)) for name in table}
 
 
-def test_the_program_imports_nothing_of_the_package():
+def test_oracle_program_does_not_import_trimtab():
     source = Path(hovercraft.__file__).read_text(encoding="utf-8")
     assert "trimtab" not in source
     assert "jax" not in source
 
 
 @pytest.mark.thorough
-def test_every_value_has_its_row():
+def test_every_reference_value_has_a_row():
     quick = [g for g in list_groups("hovercraft2006") if g.name in ("control-laws", "rudder-and-thrust", "inertia")]
     rows = {r.id: r for g in quick for r in g.rows() if r.basis == "reference"}
     laws = [n for n in read_table() if n.split("/")[0] in ("eigenvalues", "theta", "spin", "rest", "thrust", "fig-4.6")]
     assert sorted(rows) == sorted(laws)
 
 
-def test_the_sharp_energy_is_attained_by_a_turn_the_wrong_way():
+def test_sharp_switching_energy_is_attained_by_a_wrong_way_turn():
     """Its W is the bad limit point's exactly there."""
     _, sharp = hovercraft.switching_energies(3.0)
     for share, safe in ((0.98, True), (1.02, False)):

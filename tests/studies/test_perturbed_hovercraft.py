@@ -230,14 +230,14 @@ def holding_rows(group):
     return {row.id for row in group.rows() if row.holds}
 
 
-def test_every_group_has_its_worlds():
+def test_every_group_has_perturbed_models():
     assert set(WORLDS) == {group.name for group in GROUPS}
 
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("group", CASES)
-def test_every_row_fails_in_some_other_world(group, monkeypatch):
+def test_every_row_fails_on_some_perturbed_model(group, monkeypatch):
     always = holding_rows(group)
     assert always
     for patches in WORLDS[group.name].values():
