@@ -13,7 +13,7 @@ def panels(node):
     return [node] if isinstance(node, str) else panels(node["first"]) + panels(node["second"])
 
 
-def test_every_panel_is_configured_and_shows_what_there_is():
+def test_every_panel_is_configured_and_shows_existing_topics():
     layout = json.loads(LAYOUT.read_text())
     configured = layout["configById"]
     assert sorted(panels(layout["layout"])) == sorted(configured)

@@ -75,7 +75,7 @@ def test_verdict_is_right_in_nine_of_ten_runs(flown, factor, verdict):
 
 
 @pytest.mark.thorough
-def test_errors_of_each_group_lie_within_their_interval(flown):
+def test_error_intervals_have_the_stated_coverage(flown):
     """The interval says how sure one run can be: wide where errors hang together, and true to what it says."""
     found = [assess_navigation(log) for log in flown[1.0]]
     for group in ("heading", "velocity", "position", "gyro bias", "force bias"):
@@ -85,7 +85,7 @@ def test_errors_of_each_group_lie_within_their_interval(flown):
 
 
 @pytest.mark.thorough
-def test_measurements_count_where_the_counter_rises(flown):
+def test_each_update_counts_once_where_its_counter_rises(flown):
     """Rows of 1 ms hold each update six or seven times; the verdict is that of the updates, once each."""
     log = flown[1.0][0]
     rows = np.arange(0, int(log.ticks[-1]), ms(1))
@@ -101,7 +101,7 @@ def test_measurements_count_where_the_counter_rises(flown):
     assert assess_navigation(held).aiding["heading"].unseen == 0
 
 
-def test_estimates_are_compared_with_the_truth_of_their_own_time():
+def test_delayed_estimate_is_compared_with_truth_of_its_time():
     """A platform at 3 rad/s whose perfect estimate is 40 ms old: no error, where the truth of now is 0.12 rad on."""
     t = np.arange(0, ms(2000), ms(1))
     heading = 3.0 * to_seconds(t)
@@ -116,7 +116,7 @@ def test_estimates_are_compared_with_the_truth_of_their_own_time():
     np.testing.assert_allclose(state_series(turned)["heading"].error, found.error, atol=1e-12)
 
 
-def test_what_is_learned_and_what_is_not():
+def test_bias_trends_distinguish_settled_and_unsettled_states():
     """A bias that converges, one still at it, one never seen, and a heading that drifts."""
     t = np.arange(0, ms(20_000), ms(10))
     s = to_seconds(t)
@@ -148,7 +148,7 @@ def test_what_is_learned_and_what_is_not():
 
 
 @pytest.mark.thorough
-def test_a_log_without_sigmas_or_innovations_has_no_verdict(flown):
+def test_log_without_sigmas_has_no_verdict(flown):
     log = flown[1.0][0]
     bare = {p: log[p] for p in log.paths if not p.startswith("estimate.")}
     assert assess_navigation(Log(t=log.t, ticks=log.ticks, signals=bare)) is None
@@ -156,7 +156,7 @@ def test_a_log_without_sigmas_or_innovations_has_no_verdict(flown):
 
 
 @pytest.mark.thorough
-def test_few_draws_decide_nothing(flown):
+def test_short_log_is_undecided(flown):
     """Half a second: a verdict would be a guess; ten times the believed noise is seen all the same."""
     short = assess_navigation(flown[1.0][3].between(0.0, 0.3))
     assert short.errors["heading"].verdict == "undecided"
@@ -167,7 +167,7 @@ def test_few_draws_decide_nothing(flown):
 
 
 @pytest.mark.thorough
-def test_numbers_survive_json(flown):
+def test_assessment_round_trips_through_json(flown):
     found = assess_navigation(flown[1.0][0])
     again = json.loads(json.dumps(found.plain()))
     assert again["aiding"]["heading"]["nis"]["verdict"] == found.aiding["heading"].nis.verdict

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from trimtab.logs.ros2_bag import convert_pose, convert_vector
 
 
-def test_axes_are_east_north_up_and_forward_left_up():
+def test_axes_are_converted_to_enu_and_flu():
     """By scipy's rotations, and a vehicle that points north-east, nose up."""
     frd_in_ned = Rotation.from_euler("ZYX", [[45.0, 20.0, 10.0]], degrees=True)
     enu, flu = Rotation.from_matrix([[0, 1, 0], [1, 0, 0], [0, 0, -1]]), Rotation.from_matrix(np.diag([1, -1, -1]))
