@@ -34,7 +34,7 @@ def calibrate_all(folder: Path) -> Path:
 
 
 @pytest.mark.thorough
-def test_intervals_hold_what_is_true(tmp_path: Path) -> None:
+def test_bench_intervals_have_the_stated_coverage(tmp_path: Path) -> None:
     inside: dict[str, int] = {}
     count: dict[str, int] = {}
     for seed in range(REPEATS):
