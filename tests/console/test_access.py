@@ -1,4 +1,4 @@
-"""Who gets in."""
+"""Access to the console: tokens, cookies, hosts and origins."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What is wrong, out of rows."""
+"""Alarms derived from the rows of a flight."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A campaign's store on a page: its rows, and a run flown again beside the nominal one."""
+"""A campaign's store on a page: its rows, and a rerun beside the nominal run."""
 
 import asyncio
 import json

@@ -1,4 +1,4 @@
-"""What a page may send."""
+"""Messages that a page may send."""
 
 import json
 

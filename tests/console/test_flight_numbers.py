@@ -1,4 +1,4 @@
-"""Roll, pitch, yaw and altitude beside the rows of a flight that goes on, out of its estimate."""
+"""Roll, pitch, yaw and altitude, computed from the estimate and appended to the rows of a live flight."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ PARTS = {
 
 
 def list_signals(frame: str = "WB") -> list:
-    """As a page is told them."""
+    """Return the signals as described to a page."""
     found = []
     for path, (declared, size) in PARTS.items():
         if path.endswith("attitude"):

@@ -1,4 +1,4 @@
-"""What a page is told first: how a craft is drawn, from the signals that there are."""
+"""The first message to a page: the view of a craft, derived from the available signals."""
 
 import re
 from importlib.resources import files
@@ -65,7 +65,7 @@ def test_unknown_vehicle_gets_the_plain_view():
 
 
 def test_page_reads_the_keys_of_each_view():
-    """Keys of a view are written once here and once in the page: they have to be the same."""
+    """The keys of a view in Python and in the page must be the same."""
     folder = files("trimtab.console") / "page"
     estimate = [*paths("estimate.state", *PLANAR), *paths("estimate.state", *SIDE, "h_rate")]
     space = describe_view(paths("flight", "roll", "pitch", "yaw", "north", "east"), None)

@@ -1,4 +1,4 @@
-"""The page as files: it asks nobody else for anything, runs under a strict policy, and stays small."""
+"""The files of the page: no external requests, a strict content policy, and small size."""
 
 import re
 from html.parser import HTMLParser
@@ -77,7 +77,7 @@ def test_no_inline_script_or_style():
 
 @pytest.mark.parametrize("path", MODULES, ids=_name)
 def test_modules_write_no_html(path: Path):
-    """What the server says is text on the page, never markup; and nothing is made to run from text."""
+    """Text from the server is never inserted as markup or executed."""
     text = path.read_text()
     for word in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval(", "new Function", '"style"'):
         assert word not in text
@@ -115,7 +115,7 @@ def test_every_module_is_used():
 
 
 def test_every_element_id_used_by_scripts_exists():
-    """An id that a module looks up stands in the page, or in an element that a module builds."""
+    """An id used by a module is defined in the page or in an element that a module builds."""
     ids = {str(attributes["id"]) for _, attributes in _elements().found if "id" in attributes}
     for path in MODULES:
         asked = set(re.findall(r"""(?:getElementById|byId)\("([^"]+)"\)""", path.read_text()))

@@ -1,4 +1,4 @@
-"""The server as a process of its own: pages that behave and pages that don't, and a flight that notices neither."""
+"""The server as a separate process: well-behaved and hostile pages do not affect the flight."""
 
 import asyncio
 import json
@@ -78,7 +78,7 @@ def site():
 
 
 async def _collect(socket, kinds, seconds=10.0):
-    """Messages by type, until each of some kinds has come."""
+    """Collect messages by type until each of the given kinds has arrived."""
     found, end = {}, time.monotonic() + seconds
     while not set(kinds) <= set(found):
         packet = await asyncio.wait_for(socket.recv(), max(end - time.monotonic(), 0.01))
@@ -209,7 +209,7 @@ def test_only_one_page_holds_the_stick_and_no_release_is_faked(site):
 
 @pytest.mark.real_time
 def test_frozen_page_loses_the_stick(site):
-    """The flight's dead man has ended the flight by then."""
+    """By then, the dead man's switch has ended the flight."""
 
     async def take():
         async with site.connect() as first, site.connect() as second:
@@ -275,7 +275,7 @@ def test_hostile_pages_are_closed_and_other_pages_continue(site, case):
 
 @pytest.mark.real_time
 def test_slow_page_skips_rows_and_gets_the_newest(site):
-    """It reads nothing for seconds, over a socket that holds little; others get every row meanwhile."""
+    """The slow page reads nothing for seconds over a small socket buffer; other pages get every row meanwhile."""
 
     async def crawl():
         async with site.connect() as good, site.connect() as slow:
@@ -333,7 +333,7 @@ def test_page_is_notified_when_the_flight_ends():
 
 @pytest.mark.real_time
 def test_stopped_server_does_not_block_the_flight(site):
-    """A stopped server: sending rows takes no time, and what it has no room for is dropped."""
+    """With a stopped server, sending rows takes no time, and rows beyond its buffer are dropped."""
     began = time.monotonic()
     for _ in range(3000):
         site.flight.send_row()

@@ -66,7 +66,7 @@ def test_unaided_states_are_excluded_from_assessment(used, alone):
 
 
 def test_no_state_is_unaided_without_a_valid_estimate():
-    """The aid that was wanted may just not have come: an error budget takes such a run as infinitely wrong."""
+    """The aiding may not have started yet; an error budget counts such a run as infinitely wrong."""
     log = aided(400, heading=400, position=0)
     never = Log(t=log.t, ticks=log.ticks, signals={**log.signals, "estimate.valid": np.zeros(400, bool)})
     assert unaided_states(never) == frozenset()

@@ -1,4 +1,4 @@
-"""Verdicts on sequences whose statistics are known."""
+"""Consistency verdicts on sequences with known statistics."""
 
 import numpy as np
 import pytest
@@ -119,7 +119,7 @@ def test_invalid_arguments_are_rejected(call):
 
 
 def test_effective_draws_match_first_order_correlation():
-    """A first-order sequence: its squares are worth n (1 - a²)/(1 + a²) draws; a constant about one."""
+    """The squares of a first-order sequence are worth n (1 - a²)/(1 + a²) draws; those of a constant about one."""
     g, n = np.random.default_rng(0), 4000
     for a in (0.0, 0.5, 0.9, 0.97):
         z, noise = np.zeros((n, 20)), g.standard_normal((n, 20))
@@ -130,7 +130,7 @@ def test_effective_draws_match_first_order_correlation():
 
 
 def test_all_zero_innovations_give_an_undecided_verdict():
-    """Innovations that are all exactly 0: no correlation can be taken, and bounds are still numbers."""
+    """All innovations are exactly 0: no correlation can be computed, but the bounds stay finite."""
     z = np.stack([np.zeros(500), np.random.default_rng(0).standard_normal(500)], axis=1)
     draws = effective_draws(z)
     assert draws[0] == 1.0

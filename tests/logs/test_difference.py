@@ -1,4 +1,4 @@
-"""Two logs held against each other, by a comparison written the plain way."""
+"""Differences of two logs, checked by a plain comparison."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""`trimtab replay` over logs of other systems: estimators of the catalogue, and what it says without a mapping."""
+"""`trimtab replay` over logs of other systems: estimators of the catalogue, and errors without a mapping."""
 
 import json
 from pathlib import Path
@@ -43,7 +43,7 @@ heading = {from = "Yaw", unwrap = true}
 
 @pytest.mark.thorough
 def test_catalogue_estimator_replays_a_public_log(tmp_path):
-    """A quadrotor that turns by most of a circle: with the gyro's axis turned over the filter says so."""
+    """A quadrotor turns by most of a circle; with a reversed gyro axis, the filter's NIS shows it."""
     scenario = ("--scenario", "navigation/platform-square-wave", "--set", "compensated=no", "--json")
     found = {}
     for name, sign in {"right": "sign = 1", "wrong": "sign = [1, 1, -1]"}.items():
@@ -106,7 +106,7 @@ UNITS = {
 
 @pytest.mark.thorough
 def test_csv_recording_replays_through_hovercraft_ins(tmp_path):
-    """What a simulation sensed, as a CSV file in other units: the INS of hovercraft/forward finds the same way."""
+    """Simulated measurements as a CSV file in other units: the INS of hovercraft/forward finds the same path."""
     scenario, _ = catalogue.load_scenario("hovercraft/forward", {"navigation": "ins"})
     log = simulate(scenario, seed=1, duration=ms(3000), log_period=scenario.autopilot.period, backend="jax")
     heads, columns, lines = ["time [ms]", "north"], [log.t * 1e3, log["truth.north"]], []

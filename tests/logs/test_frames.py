@@ -1,4 +1,4 @@
-"""Messages for maps and 3-D scenes: as Foxglove's schemas want them, where the vehicle is, and how many."""
+"""Messages for maps and 3-D scenes: Foxglove's schemas, poses of the vehicle, and their number."""
 
 import json
 
@@ -147,7 +147,7 @@ def test_quaternions_match_scipy_and_map_frame_is_enu():
 
 @pytest.mark.thorough
 def test_frame_messages_add_under_two_percent_to_file_size(tmp_path):
-    """Beside rows of a hundred numbers that change."""
+    """The comparison is a log with rows of a hundred changing numbers."""
     sizes, rng = [], np.random.default_rng(1)
     names = [(f"truth.n{k}", (), np.float64, None) for k in range(100)]
     walk = np.cumsum(rng.standard_normal((2000, 100)), axis=0)

@@ -1,4 +1,4 @@
-"""Rows joined by time, and words about what is missing."""
+"""Rows joined by time, and descriptions of gaps."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A file that grows by whole chunks: after an error it is as it was, and what follows is sound."""
+"""A file that grows by whole chunks: an error leaves it unchanged, and later chunks are valid."""
 
 import errno
 import os
@@ -74,7 +74,7 @@ def test_chunk_with_wrong_crc_is_damage_or_truncation(made):
 
 
 def test_cut_chunk_gives_only_complete_messages(made):
-    """Of a chunk that is not compressed all messages before the cut are there."""
+    """An uncompressed chunk keeps all messages before the cut."""
     path, file = made
     file.write(messages(0))
     data = path.read_bytes()

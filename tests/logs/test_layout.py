@@ -1,4 +1,4 @@
-"""The layout for Foxglove that the docs ship shows topics that logs have, in panels that are laid out."""
+"""The Foxglove layout in the docs shows topics of our logs in configured panels."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A log has a limit: a vehicle's rolls on in numbered files, an autopilot's ends; nothing is lost before."""
+"""Size limit of a log: a vehicle's log rolls over into numbered files, an autopilot's log ends."""
 
 import os
 

@@ -383,7 +383,7 @@ def test_new_file_has_default_permissions(tmp_path):
 @pytest.mark.thorough("30000")
 @pytest.mark.parametrize("rows", [0, 1, 900, 30_000])
 def test_estimated_log_size_is_close_to_file_size(tmp_path, rows):
-    """Of one that is at rest at first: its first rows alone would say a fraction."""
+    """The log is constant at first, so its first rows alone would give a much smaller estimate."""
     rng = np.random.default_rng(3)
     x = np.where(np.arange(rows)[:, None] < rows / 3, 0.0, rng.standard_normal((rows, 6)))
     ticks = np.arange(rows) * ms(1)

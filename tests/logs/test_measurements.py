@@ -1,4 +1,4 @@
-"""Measurements that can't be meant as they stand are refused by line and column, with what to write."""
+"""Implausible measurements are rejected by line and column, with a suggested fix."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Without rerun-sdk a recording is refused, and nothing written; what is in one: tests/commands/test_convert.py."""
+"""Without rerun-sdk, no recording is written. Contents of a recording: tests/commands/test_convert.py."""
 
 import importlib.util
 

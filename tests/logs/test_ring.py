@@ -50,7 +50,7 @@ def started(program: str, name: str) -> subprocess.Popen[str]:
 
 
 def ended(process: subprocess.Popen[str]) -> str:
-    """What a killed process had said on standard error."""
+    """Return the standard error of a killed process."""
     process.kill()
     return process.communicate()[1]
 
@@ -58,7 +58,7 @@ def ended(process: subprocess.Popen[str]) -> str:
 @settings(max_examples=50)
 @given(st.lists(st.one_of(st.integers(1, 30), st.none()), max_size=30))
 def test_ring_is_a_fifo_that_rejects_rows_when_full(moves):
-    """Against a list: integers put that many rows, None takes all."""
+    """Compare with a list: an integer writes that many rows, None reads all."""
     expected, taken, sequence, dropped = [], [], 0, 0
     held: list[int] = []
     with Ring.create(columns=1, rows=8) as ring:

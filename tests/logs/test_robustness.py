@@ -1,4 +1,4 @@
-"""Robustness against its definition, RTAMT's numbers, and by hand where the rows end or are no numbers."""
+"""Robustness compared with its definition, with RTAMT, and with hand calculations for short logs and NaN."""
 
 import math
 import time

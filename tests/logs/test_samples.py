@@ -1,4 +1,4 @@
-"""Each sample of a sensor once, at its own time, out of rows that hold it."""
+"""Extraction of each sensor sample once, at its own time, from rows that hold the newest sample."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_rejects_log_rows_slower_than_the_sensor():
 
 
 def test_rejects_rows_that_hide_every_second_sample():
-    """Each 20 ms of a 10 ms sensor looks even; the noise would be read too large."""
+    """Rows every 20 ms of a 10 ms sensor look evenly spaced, but the noise estimate would be too large."""
     taken = np.arange(1000) * ms(10)
     log = held(np.arange(0, taken[-1], ms(20)), taken, np.zeros((1000, 1)))
     assert samples(log, "sensors.imu.value.rate").period == pytest.approx(0.02)

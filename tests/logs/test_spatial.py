@@ -1,4 +1,4 @@
-"""Roll, pitch, yaw, altitude and speeds out of a log, against what the vehicles themselves say of their state."""
+"""Roll, pitch, yaw, altitude and speeds from a log, compared with the vehicle models."""
 
 import jax.numpy as jnp
 import numpy as np

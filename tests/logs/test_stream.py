@@ -1,4 +1,4 @@
-"""A log that is written while something flies: the same as one written afterwards, whatever dies on the way."""
+"""A log written during a flight equals one written afterwards, even if a process is killed."""
 
 import json
 import os
@@ -233,7 +233,7 @@ def test_killed_process_loses_at_most_half_a_second(tmp_path, victim):
 
 @pytest.mark.real_time
 def test_full_disk_leaves_a_counted_gap(tmp_path, ring, capfd):
-    """The room for the file is bounded from outside, then given back."""
+    """The space for the file is limited from outside, then restored."""
     rows = rows_of(3000)
     path = tmp_path / "flight.mcap"
     stream = flown(path, ring, rows[:500])
@@ -332,7 +332,7 @@ def test_stopped_writer_delays_closing_by_at_most_its_limit(tmp_path, ring, monk
 
 
 def test_slow_writer_may_finish_while_it_makes_progress(tmp_path, ring, monkeypatch):
-    """Each line of the writer, as it comes after a chunk, extends its limit."""
+    """Each line that the writer prints after a chunk extends its time limit."""
     monkeypatch.setattr("trimtab.logs.stream.END_S", 0.2)
     script = "import time; [(time.sleep(0.05), print(flush=True)) for _ in range(40)]; print('{}', flush=True)"
     process = subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE)

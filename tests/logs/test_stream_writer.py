@@ -1,4 +1,4 @@
-"""The writer's recorder, without a process: what is in the ring comes out of the file."""
+"""The writer's recorder without a process: the file contains the rows of the ring."""
 
 import os
 

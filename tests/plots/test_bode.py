@@ -1,4 +1,4 @@
-"""The Bode plot shows the loop's own numbers."""
+"""The Bode plot shows the values of the loop."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Pictures of fits: readings, band, what was left out, residuals."""
+"""Pictures of fits: readings, band, excluded readings, residuals."""
 
 from pathlib import Path
 

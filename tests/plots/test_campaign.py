@@ -1,4 +1,4 @@
-"""Pictures of a campaign show its numbers."""
+"""Pictures of a campaign show its statistics."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The picture of an error budget shows what is in it."""
+"""The picture of an error budget shows its measures and imperfections."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The picture of a run's navigation shows errors, bands and NIS of the log, and what lies outside."""
+"""The picture of a run's navigation shows errors, bands and NIS of the log, and samples outside the bands."""
 
 import numpy as np
 import pytest

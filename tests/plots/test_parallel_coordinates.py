@@ -1,4 +1,4 @@
-"""Worlds as lines through their parameters."""
+"""Runs drawn as lines through their parameters."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The plan view: where lines, marks and fence are, and which pictures have one."""
+"""The plan view: positions of lines, marks and fence, and the pictures that contain it."""
 
 import numpy as np
 import pytest
@@ -111,6 +111,6 @@ def test_very_short_and_stationary_runs_are_drawn(n, tmp_path):
 
 
 def test_nan_positions_still_give_a_picture():
-    """A flight that was lost: the rest of it is drawn."""
+    """The finite part of a diverged flight is drawn."""
     axes = plot_plan(flown(lost=200)).axes[0]
     assert np.isfinite([*axes.get_xlim(), *axes.get_ylim()]).all()

@@ -1,4 +1,4 @@
-"""The picture of a replay: which rows there are, and what each line is."""
+"""The picture of a replay: its rows and the data of each line."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Pictures of searches: their numbers are those of the results."""
+"""Pictures of searches show the results of the searches."""
 
 import numpy as np
 import pytest

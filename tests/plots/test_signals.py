@@ -1,4 +1,4 @@
-"""Any signals of a log: which are chosen by a path, and that each has its panel."""
+"""Plots of any signals of a log: selection by path, and one panel per signal."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The picture of a stability map shows what is in it."""
+"""The picture of a stability map shows its points, boundary and theory."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The picture of a swarm: one way for each craft, distances of both twins."""
+"""The picture of a swarm: one track for each craft, spacing of the real and the ideal run."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The picture of tracking: which rows there are, in which order, and what each line is."""
+"""The picture of tracking: its rows, their order, and the data of each line."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What studies and groups there are follows from the folders."""
+"""Studies and groups are found from the folders."""
 
 import pytest
 

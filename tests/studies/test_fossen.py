@@ -1,4 +1,4 @@
-"""The study of marine vehicles: its rows hold, and would not with other numbers; its figures are those of an oracle."""
+"""The study of marine vehicles: its rows hold, they fail with changed parameters, and its figures match an oracle."""
 
 from functools import cache
 
@@ -46,7 +46,7 @@ def test_pictures_are_written(name, tmp_path):
 
 @pytest.mark.thorough
 def test_remus_turn_matches_the_oracle():
-    """Quaternions about the centre of mass here, Euler angles about that of buoyancy there."""
+    """The study uses quaternions about the centre of mass, the oracle Euler angles about the centre of buoyancy."""
     flight = remus_flights.turn()
 
     def fins(t):
@@ -96,7 +96,7 @@ def test_hull_radius_is_continuous_and_matches_lamb_for_sphere():
 
 
 def test_mariner_step_response_matches_integrated_equations():
-    """Nomoto's transfer function against v and r integrated: 100 s after a step of the rudder."""
+    """Compare Nomoto's transfer function with v and r integrated for 100 s after a rudder step."""
     k = ships.mariner_steering()
     T = ships.LENGTH / ships.SPEED
     M = np.array([

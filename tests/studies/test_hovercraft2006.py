@@ -1,4 +1,4 @@
-"""The study of [1] Z. Kulis 2006: rows that must hold do, the others say why they don't."""
+"""The study of [1] Z. Kulis 2006: rows that must hold do; the others state the reason."""
 
 from functools import cache
 

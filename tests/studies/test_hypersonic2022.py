@@ -1,4 +1,4 @@
-"""The study of the hypersonic vehicle: rows that must hold do, the others say why not.
+"""The study of the hypersonic vehicle: rows that must hold do; the others state the reason.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -70,7 +70,7 @@ def test_every_printed_matrix_entry_has_a_row():
 
 @pytest.mark.thorough
 def test_reference_values_come_from_the_oracle_table():
-    """Basis "reference" is for nothing else: the compared number is one of the table, or nothing at all."""
+    """A row with basis "reference" compares with a number of the oracle's table, or with no number."""
     numbers = np.concatenate([np.ravel(v) for v in oracle_values().values()])
     for name in QUICK:
         for row in rows_of(name):
@@ -90,7 +90,7 @@ def test_every_printed_gain_entry_has_a_row():
 
 @pytest.mark.thorough
 def test_every_filter_setting_is_compared_with_no_measurement():
-    """An error that vanishes proves nothing by itself."""
+    """A vanishing error alone is no evidence: it may vanish without any measurement."""
     rows = [r for r in rows_of("filter") if r.id.startswith("table/")]
     assert len(rows) == 4 * 3 * 4
     assert all(r.id.startswith("table/none/") or r.note.startswith("Without measurement: ") for r in rows)

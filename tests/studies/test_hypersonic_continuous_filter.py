@@ -1,4 +1,4 @@
-"""The published, continuous filter of the modes: its equations, what they come to, and how little the printed ones do.
+"""The published continuous filter of the modes: its equations, its steady state, and the effect of the printed setting.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -23,7 +23,7 @@ def _model():
 
 @pytest.mark.thorough
 def test_filter_matches_the_riccati_equation_at_trim():
-    """Oracle: eta and the Riccati equation in one by scipy, where flight, input and measurement stand still."""
+    """Oracle: scipy integrates eta and the Riccati equation together at constant state, input and measurement."""
     _, x, _ = trim()
     A, C = _model()
     truth = np.array([float(getattr(x, n)) for n in NAMES])
@@ -58,7 +58,7 @@ def test_covariance_converges_to_the_algebraic_riccati_solution():
 
 @pytest.mark.thorough
 def test_printed_setting_equals_observer_without_measurement():
-    """Oracle, filter: with R = 10 as a density the gain is all but nothing: errors within 1 % of no-update."""
+    """With R = 10 as a density, the gain is almost zero: the errors are within 1 % of a filter without updates."""
     none = np.asarray(fly(*trim(), FlexibleModeFilter(corrects=False), noise=0.0)[0])
     printed = np.asarray(fly(*trim(), ContinuousModeFilter(), noise=0.0)[0])
     for window in ((0, 1), (4, 5), (9, 10)):
@@ -68,7 +68,7 @@ def test_printed_setting_equals_observer_without_measurement():
 
 @pytest.mark.thorough
 def test_discrete_filter_approximates_the_published_continuous_filter():
-    """The same densities in both: R of a sample is R/dt. Errors after the start agree to the length of the step."""
+    """Both use the same densities: the variance of a sample is R/dt. After the start, errors agree to the step size."""
     continuous = ContinuousModeFilter(Q=(1e-4, 1.0, 1e-4, 1.0), R=0.02)
     discrete = FlexibleModeFilter(Q=(1e-4, 1.0, 1e-4, 1.0), R=0.02 / DT, P0=(1.0,) * 4)
     errors = [np.asarray(fly(*trim(), one, noise=0.0)[0]) for one in (continuous, discrete)]

@@ -31,7 +31,7 @@ def test_level_flight_is_an_equilibrium_with_detuned_modes():
 
 @pytest.mark.thorough
 def test_loop_poles_match_gain_and_filter_poles_of_oracle(monkeypatch):
-    """The oracle's poles in continuous time: near them every 1 ms, with an exact model."""
+    """With a 1 ms step and an exact model, the poles are close to the oracle's continuous-time poles."""
     monkeypatch.setattr(loop, "TICK", ms(1))
     F, _ = loop.loop_matrices(EQUAL_Q, 5e-4, K_FLOWN)
     found = np.linalg.eigvals(F)

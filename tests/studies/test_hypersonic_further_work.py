@@ -20,7 +20,7 @@ COUNT = len(campaign.COEFFICIENTS)
 
 
 def only(**factors):
-    """One plant (1, 37), nominal but for these."""
+    """Return the factors (1, 37) of one plant, nominal except for the given ones."""
     found = np.ones((1, COUNT))
     for name, value in factors.items():
         found[0, campaign.NAMES.index(name)] = value
@@ -43,7 +43,7 @@ def test_draws_are_uniform_independent_and_repeatable():
 
 @pytest.mark.thorough
 def test_plants_without_level_flight_match_the_trim_search():
-    """A quick search over many plants beside the thorough one, plant by plant."""
+    """Compare the fast search over many plants with the thorough search of each plant."""
     rows = [only(), only(ce=0.45), only(m=2.5), only(CM_0=1.2), only(b7=0.2, b5=0.2)]
     factors = np.concatenate(rows)
     crafts = campaign.build_plants(factors)
@@ -62,7 +62,7 @@ def test_plants_without_level_flight_match_the_trim_search():
 
 
 def numbers_of(craft):
-    """The only plant of a record of arrays."""
+    """Return the single plant in a record of arrays."""
     return jax.tree.map(lambda v: float(np.ravel(v)[0]), craft)
 
 
@@ -103,7 +103,7 @@ def test_campaign_run_equals_single_flight_of_same_plant():
 
 
 def planted(limits):
-    """Instead of a flight: success while each named factor is within (low, high)."""
+    """Replacement for a flight: success if each named factor is within (low, high)."""
 
     def fly(factors, kinds, *, integral, seeds=None):
         good = np.ones(len(factors), bool)

@@ -1,4 +1,4 @@
-"""NASA's check-cases: each signal stays among NASA's simulations, and would not in another world."""
+"""NASA's check-cases: each signal stays within NASA's simulations and leaves them with a perturbed model."""
 
 import numpy as np
 import pytest
@@ -56,7 +56,7 @@ def test_halving_the_step_size_leaves_signals_unchanged():
 
 
 def other_world(case, **changes):
-    """The body of a case with parts of it changed."""
+    """Return a case with parts of its body changed."""
     was = _flights.cases()[case]
     body = replace(was.body, **changes)
     return was._replace(body=body)

@@ -1,4 +1,4 @@
-"""The table of reference values against the independent program that wrote it."""
+"""The table of reference values compared with the independent program that wrote it."""
 
 import json
 from pathlib import Path
@@ -26,7 +26,7 @@ def test_table_matches_oracle_program_except_headings():
 
 @pytest.mark.thorough
 def test_full_table_matches_oracle_program():
-    """Runs that switch at every sample part at the last digit in the end: so the shares of frozen ones."""
+    """Runs that switch at every sample diverge in the last digit; shares of frozen runs have a wide tolerance."""
     table, values = read_table(), hovercraft.compute()
     assert list(values) == list(table)
     loose = {name: 3.0 if name.startswith("heading/freezes-") else 0.05 for name in table if "heading/" in name}
@@ -48,7 +48,7 @@ def test_every_reference_value_has_a_row():
 
 
 def test_sharp_switching_energy_is_attained_by_a_wrong_way_turn():
-    """Its W is the bad limit point's exactly there."""
+    """At the sharp energy, W equals its value at the bad limit point."""
     _, sharp = hovercraft.switching_energies(3.0)
     for share, safe in ((0.98, True), (1.02, False)):
         rate = -np.sqrt(2 * share * sharp / _source.INERTIA)

@@ -1,4 +1,4 @@
-"""The study of two public range logs: rows that must hold do, and would not if the filter assumed otherwise."""
+"""The study of two public range logs: rows that must hold do, and fail if the filter's assumptions change."""
 
 import importlib.util
 import os
@@ -48,7 +48,7 @@ def test_pictures_are_written(name, tmp_path):
 
 @pytest.mark.thorough
 def test_log_contains_all_readings_of_the_file(tmp_path):
-    """By way of MCAP; 4091 readings of odometry and 1816 ranges, each with a row of its own."""
+    """Read back from MCAP: 4091 odometry readings and 1816 ranges, each with its own row."""
     p, log = _data.read_plaza("Plaza2"), _data.written_log("Plaza2", tmp_path)
     assert (len(p.t), len(p.range), len(log)) == (4091, 1816, 4091 + 1816)
     rows = log["downlink.odometry.fresh"]
@@ -88,7 +88,7 @@ def test_filter_tuned_on_other_log_is_accurate_and_consistent():
 @pytest.mark.thorough
 @pytest.mark.parametrize("changes", [{"slip": 0.02}, {"noise": 0.3}, {"scale": 0.0}])
 def test_underestimated_errors_make_the_filter_overconfident(changes):
-    """Too little of any one error, and it is too sure."""
+    """If any one error is assumed too small, the filter is overconfident."""
     assert fly_with(**changes)[1] > 2.41
 
 
@@ -113,7 +113,7 @@ def test_stored_batch_solution_matches_gtsam(name):
 
 @pytest.mark.thorough
 def test_batch_solution_minimises_its_cost():
-    """Its cost grows whichever way the solution is moved."""
+    """The cost increases for every displacement of the solution."""
     from oracles import ranges2009
 
     assumed = _filters.assumed_on("Plaza2")
@@ -155,12 +155,12 @@ def test_every_noise_row_fails_on_some_changed_log(monkeypatch):
 
 
 def trusting(estimator):
-    """Too sure of its ranges."""
+    """Assume ranges that are too accurate."""
     return replace(estimator, errors=replace(estimator.errors, noise=0.3 * estimator.errors.noise))
 
 
 def unscaled(estimator):
-    """Taking ranges as they are."""
+    """Use ranges without the scale correction."""
     return replace(estimator, errors=replace(estimator.errors, scale=0.0, sigma_scale=1e-4, sigma_error=1e-3))
 
 
@@ -176,7 +176,7 @@ def patched_filters(change):
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_every_filter_row_fails_for_some_other_filter(monkeypatch):
-    """Too sure of its ranges, or taking them as they are; and gtsam's plain solution as good as the other."""
+    """Other filters: too accurate ranges, or no range scale. Also gtsam's plain solution as good as the other."""
     holds = {r.id for name in FLOWN for r in rows_of(name) if r.holds}
     fails: set[str] = set()
     for change in (trusting, unscaled):

@@ -1,4 +1,4 @@
-"""The estimate of some seconds ago, with what has come since: beside a smoother that is written here."""
+"""The fixed-lag estimate of a few seconds ago, compared with a smoother implemented here."""
 
 import functools
 
@@ -37,7 +37,7 @@ def place_error(world, estimates, rows):
 
 @pytest.mark.thorough
 def test_kept_poses_do_not_change_the_current_estimate():
-    """They hang on the filter, and change nothing of it."""
+    """The kept poses are appended to the filter's state and do not change the current estimate."""
     world = drive(1)
     lagged, _ = fly(world, LAGGED)
     plain, _ = fly(world, FILTER)

@@ -1,4 +1,4 @@
-"""Particles on odometry and ranges: they find place and heading by themselves, and know how well."""
+"""A particle filter on odometry and ranges: it finds position and heading and is consistent."""
 
 import functools
 
@@ -36,7 +36,7 @@ def run(world, seed=0, estimator=FILTER):
 
 
 def errors(world, estimates):
-    """Of place (m) and heading (rad), (n,)."""
+    """Return the errors of position (m) and heading (rad), each (n,)."""
     s = estimates.state
     return np.hypot(s.north - world.north, s.east - world.east), np.asarray(wrap(s.heading - world.heading))
 
@@ -57,7 +57,7 @@ def test_localises_without_an_initial_position(seed):
 
 @pytest.mark.thorough
 def test_estimate_is_invalid_while_the_pose_is_ambiguous():
-    """Two places and every heading fit the first two ranges."""
+    """Two positions and every heading fit the first two ranges."""
     _, estimates = run(drive(1))
     valid = np.asarray(estimates.valid)
     assert not valid[:10].any()
@@ -91,7 +91,7 @@ def test_rejects_too_few_particles_or_beacons(change):
 
 @pytest.mark.thorough
 def test_estimate_is_invalid_while_ranges_are_rejected():
-    """All ranges 30 m too long for 30 s: all are rejected."""
+    """For 30 s, all ranges are 30 m too long and are rejected."""
     world, k = drive(0), np.arange(DRIVE)
     wrong = ((k >= DRIVE // 2) & (k < DRIVE * 3 // 4))[:, None]
     state, estimates = run(world._replace(range=np.where(world.arrived & wrong, world.range + 30.0, world.range)))
@@ -105,7 +105,7 @@ def test_estimate_is_invalid_while_ranges_are_rejected():
 
 @pytest.mark.thorough
 def test_estimate_stays_invalid_if_ranges_never_fit():
-    """All ranges 30 m too long from the middle on, to the end."""
+    """From the middle to the end, all ranges are 30 m too long."""
     world = drive(0)
     later = (np.arange(DRIVE) >= DRIVE // 2)[:, None]
     _, estimates = run(world._replace(range=np.where(world.arrived & later, world.range + 30.0, world.range)))

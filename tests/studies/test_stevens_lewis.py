@@ -1,4 +1,4 @@
-"""The F-16's printed numbers: each row holds, and would not in another world."""
+"""The F-16's printed numbers: each row holds, and fails with a perturbed model."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def test_picture_is_written(tmp_path):
 
 
 def broken(module, monkeypatch, **changes):
-    """Rows of a module that fail where every F-16 has other numbers."""
+    """Return the failing rows of a module when every F-16 has other parameters."""
     craft = replace(F16FlatEarth(), **changes)
     monkeypatch.setattr(module, "F16FlatEarth", lambda: craft)
     trims.find_trim.cache_clear()
@@ -63,7 +63,7 @@ def test_trim_and_linear_rows_fail_with_a_perturbed_aircraft(monkeypatch):
 
 @pytest.mark.thorough
 def test_printed_gains_are_optimal_with_misprint_and_one_sign():
-    """The cost by quadrature of the free response, and not by the equation that the study solves."""
+    """The cost is computed by quadrature of the free response, not by the study's own equation."""
     loop = lateral_regulator.lateral_loop()
     closed = loop.A - loop.B @ lateral_regulator.PRINTED @ loop.C
     K = lateral_regulator.PRINTED @ loop.C

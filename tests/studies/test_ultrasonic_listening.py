@@ -86,7 +86,7 @@ def test_error_grows_with_speed(speed, listening, pinging):
 
 @pytest.mark.thorough
 def test_each_range_is_measured_at_its_chirp_time():
-    """Ranges without noise are the distances at the chirp, also between two instants."""
+    """Noise-free ranges are the distances at the time of the chirp, also between two steps."""
     course, samples = windows(1.0, replace(SENSOR, errors=RangeErrors(noise=0.0)), 100)
     t, r = samples.value.measured[:, -1], samples.value.range[:, -1]
     v = np.stack([np.cos(course), np.sin(course), 0 * course], axis=1)
@@ -148,7 +148,7 @@ def test_implements_sensor_and_rejects_invalid_arguments():
 
 @pytest.mark.thorough
 def test_runs_as_generated_code():
-    """Sensors fly in the compiled loop: one step lowers to C."""
+    """One step of the sensor lowers to C."""
     one = to_arrays(UltrasonicListening())
     still = Motion(np.int64(0), *[np.zeros(3)] * 6)
     leaves, tree = jax.tree.flatten((one, np.int64(0), jax.tree.map(jnp.asarray, one.init(Key(0, 0))), still))

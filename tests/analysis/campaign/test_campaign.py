@@ -1,4 +1,4 @@
-"""A campaign of the real zero-velocity scenario: rows, their reruns, what is refused before anything flies."""
+"""A campaign of the real zero-velocity scenario: rows, reruns, and arguments rejected before flying."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def test_friction_of_zero_nominal_value_can_vary():
 
 
 def test_row_equals_simulate_and_metrics(flown):
-    """Without any of the campaign's own code: the values put in by hand, the log measured by logs.metrics."""
+    """Uses none of the campaign's code: values are set explicitly, and logs.metrics evaluates the log."""
     made, found = flown
     scenario = build(NAME, SETTINGS)
     k2, mass = found.columns["autopilot.law.k2"][5], found.columns[MASS][5]
@@ -176,7 +176,7 @@ def test_stop_function_ends_the_campaign_early():
 
 
 def test_stop_function_sees_only_contiguous_rows():
-    """Blocks that come out of their order wait for those before them; runs that fail are often the quick ones."""
+    """Blocks finished out of order wait for earlier ones, because failing runs are often the quick ones."""
     seen = []
 
     def stop(columns):

@@ -1,4 +1,4 @@
-"""Campaigns on a cluster of two hosts: who is let in, and a cable that is cut."""
+"""Campaigns on a cluster of two hosts: access control, and a cut cable."""
 
 import re
 import subprocess

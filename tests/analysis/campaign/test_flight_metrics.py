@@ -1,4 +1,4 @@
-"""Metrics of a flight in space, `flight.roll` and so on: a campaign's are those of the run's log, to the bit."""
+"""Metrics of a spatial flight, such as `flight.roll`: a campaign's equal those of the run's log bit for bit."""
 
 import numpy as np
 import pytest

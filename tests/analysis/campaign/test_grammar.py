@@ -1,4 +1,4 @@
-"""Every text of a campaign's numbers: what is read, and what is refused with the words to type instead."""
+"""Texts of metrics, conditions, costs, requirements and stopping rules: parsing, and errors with a fix."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Whatever ends a campaign, no row is lost, none is double, and the message says how to go on."""
+"""After any interruption of a campaign, no row is lost or duplicated, and the message states how to continue."""
 
 import json
 import os
@@ -51,7 +51,7 @@ def start(store, runs=RUNS, pause=0.1, script=CHILD):
 
 
 def flying(store, rows):
-    """A campaign in a process of its own, once so many rows are kept."""
+    """Start a campaign in a separate process and return once the given number of rows is stored."""
     child = start(store)
     while not (store / "done" / "c" / str(rows // BLOCK - 1)).exists():
         assert child.poll() is None

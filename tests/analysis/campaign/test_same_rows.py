@@ -1,4 +1,4 @@
-"""A row is the same to the bit, however it was flown."""
+"""A row is the same bit for bit with any threads, blocks, store or workers."""
 
 import pytest
 from analysis.campaign.small import BLOCK, assert_same, small

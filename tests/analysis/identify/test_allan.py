@@ -1,4 +1,4 @@
-"""Allan deviation: the textbook's numbers, exact covariances, and noise put in that comes out within its interval."""
+"""Allan deviation: the textbook's values, exact covariances, and recovery of simulated noise within its interval."""
 
 import jax
 import jax.numpy as jnp
@@ -75,7 +75,7 @@ def test_covariance_of_variances_matches_monte_carlo(theta):
 @pytest.mark.thorough("0.001-0.0-0.001", "0.001-0.001-0.0")
 @pytest.mark.parametrize(("N", "B", "K"), [(1e-3, 0.0, 1e-3), (1e-3, 1e-3, 0.0), (1e-3, 1e-3, 5e-4)])
 def test_noise_coefficient_intervals_have_the_stated_coverage(N, B, K):
-    """95 % intervals of 80 logs: each coefficient is inside as often as 95 % allows, or oftener where it is zero."""
+    """95 % intervals of 80 logs: each coefficient is inside in about 95 % of logs, or more if it is zero."""
     fits = [fit_allan(still_log(seed, N_SAMPLES, N, B, K), DT) for seed in range(80)]
     for name, true in (("white", N), ("flicker", B), ("walk", K)):
         found = [getattr(f, name) for f in fits]

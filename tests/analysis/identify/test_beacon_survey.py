@@ -66,7 +66,7 @@ def test_survey_errors_match_the_covariance():
 
 
 def test_surveyed_path_is_better_than_odometry_alone():
-    """Odometry alone ends a centimetre or more off; the ranges hold the path together."""
+    """Odometry alone drifts by a centimetre or more; the ranges correct the path."""
     ranges, odometry = measured(3)
     found = survey_beacons(ranges, odometry, range_noise=RANGE, odometry_noise=STEP)
     alone = np.concatenate([np.zeros((1, 2)), np.cumsum(odometry, axis=0)])
@@ -91,7 +91,7 @@ def test_rejects_invalid_or_insufficient_survey_data():
 @pytest.mark.parametrize(("range_noise", "step_noise"), [(1e-3, 5e-3), (4e-3, 4e-3), (1e-3, 1e-3), (1e-4, 1e-2)])
 @pytest.mark.parametrize("turn", [0.0, 0.7])
 def test_rejects_a_straight_path(range_noise, step_noise, turn):
-    """The side and the height of a beacon look the same from a line, whatever millimetres the odometry adds."""
+    """From a straight line, side and height of a beacon are indistinguishable, even with odometry noise of a few mm."""
     path = np.stack([np.arange(6.0), np.array([0, 5, -3, 4, -2, 1]) * 1e-3], axis=1)
     ranges = np.hypot(np.arange(6.0) - 2.0, np.hypot(3.0, 2.5))[:, None]
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])

@@ -1,4 +1,4 @@
-"""Flights of other systems: commands and a motion capture in files of their own, by one mapping."""
+"""Flights of other systems: commands and motion capture in separate files, read with one mapping."""
 
 import json
 from pathlib import Path
@@ -36,7 +36,7 @@ heading = { from = "yaw", unit = "deg", sign = -1, offset = 90 }
 
 @pytest.mark.thorough
 def test_actuator_replay_matches_flight_before_first_command() -> None:
-    """80 ms pass until one has come over the radio; the fan stands still, as it does in what drives the fit."""
+    """The first command arrives after 80 ms; until then the fan stands still, in the flight and in the fit."""
     scenario = build(NAME)
     log, actuators = simulate(scenario, seed=1, duration="4 s", log_period=ms(10)), scenario.world.actuators
     assert not log["uplink.valid"][:8].any()

@@ -1,4 +1,4 @@
-"""A gyro identified from a sweep, and what its inverse leaves."""
+"""A gyro identified from a sweep, and the response after compensation by its inverse."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def test_gyro_compensation_matches_the_published_table() -> None:
 @pytest.mark.thorough("10.0", "15.0")
 @pytest.mark.parametrize("f", [5.0, 10.0, 15.0])
 def test_inverse_of_a_delayed_gyro_gives_flat_response(f: float) -> None:
-    """A low-pass of 30 Hz behind two samples, which is not of the model's form."""
+    """The gyro is a 30 Hz low-pass delayed by two samples, which is outside the model structure."""
     fit = gyro_response.fit_gyro(sweep(DelayedGyro(), 20))
     assert np.max(np.abs(np.roots([1, fit.a1, fit.a2]))) < 1
     flat = abs(frequency_response(*DelayedGyro().coefficients(), f, T)) / abs(fit.response(f))

@@ -1,4 +1,4 @@
-"""Identification from flights: wrong craft are found out, what can't be told is said, another vehicle's log refused."""
+"""Identification from flights: wrong parameters are found, unidentifiable ones named, foreign logs rejected."""
 
 from pathlib import Path
 from typing import Any
@@ -64,7 +64,7 @@ def test_wrong_craft_parameters_are_identified(what: str) -> None:
 
 @pytest.mark.thorough
 def test_indistinguishable_parameters_are_named() -> None:
-    """A fan's coefficient and its effectiveness are one product in all that can be seen."""
+    """Only the product of a fan's coefficient and its effectiveness is observable."""
     paths = ("world.actuators.effectiveness", "world.actuators.thruster.coefficient")
     found = fit({}, paths, duration=6.0)
     assert found.groups == (paths,) or found.groups == (paths[::-1],)
@@ -84,7 +84,7 @@ def test_noise_free_flight_identifies_the_true_mass() -> None:
 
 @pytest.mark.thorough
 def test_correlated_measurement_errors_are_named() -> None:
-    """A navigation's, which grow for a second: its law answers them, so that the mass is not told."""
+    """The law reacts to navigation errors that are correlated over a second, so the mass cannot be identified."""
     scenario = build(NAME)
     log = simulate(scenario, seed=1, log_period=ms(6))
     found = identify(scenario, [read_flight(log, scenario)], ["world.vehicle.mass"])

@@ -1,4 +1,4 @@
-"""Noise of still triads to a calibration: numbers that made the data are inside their intervals."""
+"""Calibration of noise from still sensor triads: the true parameters lie inside their intervals."""
 
 import math
 
@@ -67,7 +67,7 @@ def test_filter_noise_scales_with_the_filter_step(axes):
 
 
 def test_standard_errors_match_scatter_of_repeated_logs():
-    """Of 60 short logs: white noise and walk of the filter, whose errors are the delta method's."""
+    """60 short logs: errors of white noise and of the filter's noise, computed by the delta method."""
     rng = np.random.default_rng(5)
     names = ("GyroErrors.noise", "InertialNoise.gyro")
     found = [noise_calibration("gyro", {2: fit_allan(log(rng, 4096), DT)}, "").calibration.entries for _ in range(60)]
@@ -87,7 +87,7 @@ def test_undetected_noise_terms_are_omitted_with_a_note():
 
 
 def test_flicker_noise_is_added_to_filter_walk_with_a_note():
-    """Steps of the output each 20 s hold a flicker floor: a sum of many relaxations, as 1/f noise is made."""
+    """The log contains flicker noise, approximated by a sum of step sequences of many periods."""
     rng = np.random.default_rng(7)
     n, y = 60_000, log(rng, 60_000, walk=0.0)
     for period in (2, 8, 32, 128, 512, 2048, 8192):

@@ -1,4 +1,4 @@
-"""The likelihood is that of the dense Gaussian; its scoring and its intervals are those of a linear model."""
+"""Maximum likelihood: value against a dense Gaussian, gradient against differences, intervals of a linear model."""
 
 from typing import Any
 

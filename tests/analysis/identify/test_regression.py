@@ -1,4 +1,4 @@
-"""Least squares without the readings that don't belong."""
+"""Least squares with rejection of outliers."""
 
 import numpy as np
 import pytest

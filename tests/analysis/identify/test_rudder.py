@@ -1,4 +1,4 @@
-"""The rudder: servo and hull, from readings whose truth is known, and the source's regression."""
+"""The rudder: servo and hull angles from simulated readings, and the published regression."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Moment of inertia from trials: the source's table."""
+"""Moment of inertia from spin-up trials: the published table."""
 
 import numpy as np
 from analysis.identify.bench_rows import rows

@@ -1,4 +1,4 @@
-"""Thrust and reverse: the source's cubic, and losses of another form."""
+"""Thrust and reverse thrust: the published cubic, and losses of another form."""
 
 import numpy as np
 import pytest

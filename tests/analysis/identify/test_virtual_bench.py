@@ -1,4 +1,4 @@
-"""The virtual bench writes what a person would have."""
+"""The virtual bench writes files like those measured by a person."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Tables to samples: constants, late clocks, places on the globe, and what a table lacks."""
+"""Conversion of tables to samples: constants, clock offsets, geodetic positions, missing fields."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Mapping files: what they cannot say is refused."""
+"""Mapping files: invalid entries are rejected."""
 
 import pytest
 from logs.foreign.written import gyro

@@ -1,4 +1,4 @@
-"""Which format a file has, and which is ours; CSV: units in its line of names, gaps, and what is no log."""
+"""Detection of the format of a file; CSV files: units in the heading, gaps, and invalid files."""
 
 import numpy as np
 import pytest

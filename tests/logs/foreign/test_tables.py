@@ -1,4 +1,4 @@
-"""What every reader gives: a missing package by name, messages as columns."""
+"""Functions shared by all readers: missing packages, messages as columns."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Logs of PX4: instances, arrays, and what another logger does, rows out of order."""
+"""Logs of PX4: instances, arrays, and unordered rows of another logger."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Distributions against scipy.stats, their texts, and what is refused."""
+"""Distributions compared with scipy.stats, their texts, and invalid ones."""
 
 import numpy as np
 import pytest

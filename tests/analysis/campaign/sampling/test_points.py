@@ -1,4 +1,4 @@
-"""Where runs lie in the unit cube: by seed and number alone, evenly."""
+"""Sample points of runs in the unit cube: they depend only on seed and run number, and are evenly spread."""
 
 import numpy as np
 import pytest
@@ -89,7 +89,7 @@ def test_saltelli_row_depends_only_on_its_number(first, last):
 
 
 def test_saltelli_points_are_stratified_inside_the_cube():
-    """A power of two of Sobol's points, shifted: each of as many equal cells of each axis holds one of them."""
+    """For 2^k shifted Sobol points, each of 2^k equal cells of every axis holds exactly one point."""
     u = saltelli_rows(11, 0, 256 * 8, 5).u.reshape(256, 8, 5)
     for sample in (u[:, 0], u[:, -1]):
         cells = np.sort((sample * 256).astype(int), axis=0)
@@ -108,7 +108,7 @@ def test_seeds_give_uniformly_distributed_points():
 
 
 def test_saltelli_rows_match_pinned_values():
-    """As they were first made: a campaign goes on after years."""
+    """The pinned values never change, so that an old campaign can be continued."""
     pinned = [[0.31930820911657065, 0.39492679142858833], [0.31930820911657065, 0.9393151790136471]]
     np.testing.assert_allclose(saltelli_rows(1, 7, 9, 2).u, pinned, atol=1e-12)
 

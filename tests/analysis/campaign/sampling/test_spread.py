@@ -1,4 +1,4 @@
-"""Which numbers of a scenario differ, how they hang together, and what is refused."""
+"""Varied parameters of a scenario, their correlations, and invalid spreads."""
 
 import numpy as np
 import pytest

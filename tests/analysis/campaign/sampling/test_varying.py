@@ -1,4 +1,4 @@
-"""Faults with ranges and inputs in pieces: read, refused, and flown as if each had been written by itself."""
+"""Faults with ranges and piecewise inputs: parsing, rejection, and flights equal to explicitly written ones."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def test_rejects_invalid_fault_range(braking, text, message):
 
 
 def values_at(plan, u):
-    """What the spread of a plan has at a point."""
+    """Return the scenario and the arrays of a plan at a point of its spread."""
     ready = prepare_campaign(plan)
     spread = resolve_spread(ready.scenario, parse_factors(plan.spread))
     values = spread_values(spread, ready.scenario, np.array([u]))
@@ -58,7 +58,7 @@ def values_at(plan, u):
 
 @pytest.mark.thorough
 def test_varied_faults_fly_like_explicitly_written_faults():
-    """Two faults of one part, one of another, and one that stands still; in one program."""
+    """Two faults of one part, one of another, and one without ranges, all in one program."""
     texts = ("uplink off @ 100..300 ms for 50..150 ms", "uplink delayed by 0.01..0.05 @ 500 ms")
     texts += ("sensor:navigation wrong bias -1..1 @ 0.4..0.6",)
     standing = ("uplink slow by 2 @ 700 ms",)

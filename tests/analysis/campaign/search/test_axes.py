@@ -1,4 +1,4 @@
-"""Axes: what they change in a scenario, that they go together, and what they refuse."""
+"""Axes of a map: their changes to a scenario, combinations, and invalid axes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Boundaries that are known, traced: nothing of them is missed, and few points are needed."""
+"""Tracing of known boundaries: complete, and with few points."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Two laws in the same runs: the interval of their difference against scipy's."""
+"""Comparison of two laws in the same runs: the interval of the difference equals scipy's."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Margins against conditions read off by hand, and searches that find what they should."""
+"""Margins compared with independently evaluated conditions, and searches for known failures."""
 
 import json
 from pathlib import Path
@@ -105,7 +105,7 @@ def call(spread, success, *words):
 
 @pytest.fixture(scope="module")
 def worst(tmp_path_factory):
-    """The file that the command wrote, and what the same search found."""
+    """Return the file written by the command, and the result of the same search."""
     file, success = tmp_path_factory.mktemp("worst") / "worst.py", "error_rms:yaw_rate <= 2.5"
     done = call(SPREAD, success, "--runs", 1200, "--seed", 3, "--out", file)
     assert done.exit_code == 1, done.output
@@ -174,7 +174,7 @@ def test_falsify_command_reports_its_result(tmp_path):
 
 @pytest.mark.thorough
 def test_fault_times_are_searched_in_one_program_and_replayed(tmp_path):
-    """The worst cut of the uplink is no better than any of a grid, and its file gives the same margin."""
+    """The worst cut of the uplink has at most the margin of any grid point, and its file gives the same margin."""
     file, success = tmp_path / "cut.py", "error_rms:yaw_rate <= 4.5"
     text = "uplink off @ 0.2..2 s for 50..600 ms"
     before = build_walk_library.cache_info().misses
@@ -257,7 +257,7 @@ def test_rejects_output_that_is_not_a_python_file():
 
 @pytest.mark.thorough
 def test_falsify_finds_failure_missed_by_random_runs():
-    """10 000 random runs: no failure. The falsifier: found for three seeds, in less than 2 000 runs. A minute."""
+    """10 000 random runs have no failure; falsify finds one for three seeds in fewer than 2 000 runs. One minute."""
     import importlib.util
 
     from trimtab.analysis.campaign.campaign import Campaign

@@ -1,4 +1,4 @@
-"""The delay of a loop, against the source's sum and against delays read off a flight."""
+"""The delay of a loop, compared with the published sum and with delays measured in a flight."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def test_ideal_loop_delay_is_half_a_period(forward):
 @pytest.mark.thorough
 @pytest.mark.parametrize("latency", [0.05, 0.0635])
 def test_loop_delay_matches_ages_in_a_flight(forward, latency):
-    """Read off a flight: which earlier surge velocity makes the force that acts now, at every millisecond."""
+    """Find in a flight, at every millisecond, the earlier surge velocity that caused the current force."""
     link = MeasuredLatency(latency=np.full(NODES, latency), send_period=ms(20))
     s = direct(forward.without("navigation-error"))
     s = replace(s, world=replace(s.world, uplink=link), duration=seconds(2))

@@ -1,4 +1,4 @@
-"""Rare failures of flights: probabilities known otherwise, rounds that are kept, failures that fly again to the bit."""
+"""Rare failures of flights: known probabilities, stored rounds, failures that replay bit for bit."""
 
 import json
 import sys
@@ -39,7 +39,7 @@ def at_rest(p, **more):
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
-    """A folder with the rounds of a failure of one in ten thousand, and what they said."""
+    """Return a folder with the rounds of a failure of probability 1e-4, and the result."""
     folder = tmp_path_factory.mktemp("rare")
     return folder, at_rest(1e-4, runs=RUNS, folder=folder)
 
@@ -153,7 +153,7 @@ def test_estimates_one_in_a_million_of_parameter_and_noise(capsys):
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_flight_interval_coverage_at_one_in_a_million(capsys):
-    """Of 100 intervals of 95 %, each of 20 000 flights, as many hold the truth as fits 95 %."""
+    """Of 100 intervals at 95 %, each from 20 000 flights, about 95 contain the true value."""
     found = [at_rest(MILLIONTH, runs=20_000, seed=seed).probability for seed in range(100)]
     held = sum(f.low <= MILLIONTH <= f.high for f in found)
     values = np.array([f.value for f in found]) / MILLIONTH
@@ -205,7 +205,7 @@ def quadrature(n=161, halvings=26):
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_hovercraft_rare_failure_matches_quadrature(capsys):
-    """A hovercraft that brakes, against a quadrature."""
+    """The probability for a braking hovercraft, compared with a quadrature."""
     truth = quadrature()
     found = estimate_rare("hovercraft/zero-velocity", spread=SPIN, **BRAKING, runs=100_000, seed=1)
     p = found.probability
@@ -220,7 +220,7 @@ def test_hovercraft_rare_failure_matches_quadrature(capsys):
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_hovercraft_noise_failures_match_a_plain_campaign(capsys):
-    """Navigation errors alone make it spin too fast: what words of groups draw is as probable as what runs draw."""
+    """Only navigation errors make the hovercraft spin too fast; splitting and plain runs draw them alike."""
     limit, settings = ("peak:yaw_rate <= 3.4",), {"duration": "3 s"}
     plain = Campaign("hovercraft/spin", runs=150_000, seed=4, success=limit, settings=settings).run().success
     found = estimate_rare("hovercraft/spin", success=limit, settings=settings, runs=30_000, seed=3).probability

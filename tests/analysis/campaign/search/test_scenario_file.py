@@ -1,4 +1,4 @@
-"""A written scenario is the one it was written from, to the bit, also from a file of one's own."""
+"""A written scenario equals the original bit for bit, also for a user's scenario file."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Stability maps against linear theory, against flights one by one, and what is refused before anything flies."""
+"""Stability maps compared with linear theory and single flights, and arguments rejected before flying."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from trimtab.vehicles.hovercraft import HovercraftState
 
 @pytest.fixture(scope="module")
 def linear():
-    """Forward flight without noise, limits and frames, from a small error: what linear theory speaks of."""
+    """Return forward flight without noise, limits and packet frames, from a small error, as linear theory assumes."""
     s = catalogue.load_scenario("hovercraft/forward")[0].without("navigation-error")
     s = replace(s, world=replace(s.world, actuators=DirectActuation()), duration=seconds(20))
     s = replace(s, autopilot=replace(s.autopilot, allocation=DirectAllocation()))
@@ -35,14 +35,14 @@ def found(linear):
 
 
 def mean_delay(diagram, delay, y=0.0):
-    """Of the loop (s), at one point of a map."""
+    """Return the mean delay of the loop (s) at one point of a map."""
     values = values_at(diagram.scenario, diagram.x, diagram.y, delay, y)
     return loop_delay(with_values(diagram.scenario, values)).mean
 
 
 @pytest.mark.thorough
 def test_boundary_without_jitter_is_the_delay_margin(found):
-    """The mean delay of the loop on both sides of it, 191.2 ms, within a step of the map."""
+    """The mean delay of the loop on both sides of the boundary is 191.2 ms, within a step of the map."""
     law = found.scenario.autopilot.law
     limit = delay_margin(loop_of_law(found.scenario.world.vehicle, law, law.equilibrium())).delay
     ((low, high),) = found.crossings(0.0)
@@ -79,7 +79,7 @@ def test_jitter_moves_the_boundary_to_shorter_delays(found):
 
 
 def dies_away(x, small):
-    """Whether the last half swings less than the first by a tenth, or hardly."""
+    """Return True if the amplitude falls by a tenth from the first to the second half, or is negligible."""
     before, last = (part.max() - part.min() for part in (x[: len(x) // 2], x[len(x) // 2 :]))
     return last < 0.9 * before or last / 2 <= small
 
@@ -180,7 +180,7 @@ def test_rejects_condition_without_a_target():
 
 @pytest.mark.thorough
 def test_predictor_quadruples_the_largest_stable_delay():
-    """Forward flight with the source's navigation errors on the same 16 seeds; sway calm to 0.2 m/s over the end."""
+    """Forward flight with published navigation errors, 16 equal seeds; success is final sway below 0.2 m/s."""
     edges = {}
     for choice, last in (("off", 0.4), ("on", 1.6)):
         scenario = build("hovercraft/forward", {"predictor": choice})
@@ -196,7 +196,7 @@ def test_predictor_quadruples_the_largest_stable_delay():
 @pytest.mark.thorough
 @pytest.mark.parametrize(("name", "start"), [("forward", 2.8 / 2.6), ("reverse", -1.98 / 2.6)])
 def test_stability_changes_within_two_percent_of_delay_margin(name, start):
-    """A small error dies away where the mean delay of the loop is 2 % below the margin, and grows 2 % above it."""
+    """A small error decays if the mean delay of the loop is 2 % below the margin, and grows if 2 % above."""
     scenario = catalogue.load_scenario(f"hovercraft/{name}")[0].without("navigation-error")
     scenario = replace(
         scenario,

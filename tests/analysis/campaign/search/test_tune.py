@@ -1,4 +1,4 @@
-"""Slopes against those of known functions and of differences, and tunings against runs flown beside them."""
+"""Slopes compared with known functions and finite differences, and tunings compared with validation runs."""
 
 import json
 from types import SimpleNamespace
@@ -43,7 +43,7 @@ def call(gains, settings, *words):
 
 
 def jump(x, first):
-    """A cost that jumps by 1 where x0 passes 0.5, and slopes by 0.3 x1; its derivative sees the second only."""
+    """A cost that jumps by 1 at x0 = 0.5 and has slope 0.3 in x1; its derivative contains only the slope."""
     noise = np.random.default_rng(first).standard_normal(len(x) // 2).repeat(2)
     return (x[:, 0] > 0.5) + 0.3 * x[:, 1] + noise, np.tile([0.0, 0.3], (len(x), 1))
 
@@ -97,7 +97,7 @@ def test_descent_and_search_find_the_minimum_of_a_noisy_bowl():
 
 
 def test_candidates_with_infinite_costs_rank_last():
-    """However large its finite costs are, a candidate with fewer infinite costs is better."""
+    """A candidate with fewer infinite costs is better, for any size of its finite costs."""
     finite = [[-1e3, 0, 0, 0], [1, 1, 1, 1], [2, 2, 2, 2], [9e6, 9e6, 9e6, 9e6]]
     costs = np.array([*finite, [-1, 1, 1, np.inf], [9, 9, 9, np.inf], [1, 1, np.inf, np.inf], [np.inf] * 4])
     assert np.all(np.diff(merit(costs, 1.5)) > 0)
@@ -117,7 +117,7 @@ def test_gains_at_their_bounds_are_reported():
 @pytest.mark.thorough
 @needs_c
 def test_cost_slopes_match_finite_differences():
-    """Ideal twin, smooth: derivative of the metric over integrals against central differences of logged runs."""
+    """Smooth ideal run: the derivative of the metric over integrals against central differences of logged runs."""
     ideal = replace(build(NAME).ideal(), duration=seconds(3))
     terms = parse_cost("error_rms:yaw_rate + 2*rms:truth.sway_velocity + 0.5*mean:truth.surge_velocity")
     plan = CampaignPlan(NAME, metrics=tuple(t.metric for t in terms), log_period=ms(1))
@@ -162,7 +162,7 @@ def test_batched_gradients_equal_single_run_gradients():
 @pytest.mark.thorough
 @needs_c
 def test_noisy_cost_jumps_are_missed_by_its_derivative():
-    """What the page says of one noisy run: over k2 = 2.5 … 2.6, steps a hundred times what the derivatives tell."""
+    """In one noisy run over k2 = 2.5 … 2.6, the cost has steps a hundred times larger than its derivative predicts."""
     grid, path = np.linspace(2.5, 2.6, 401), "autopilot.law.k2"
     scenario = build(NAME)
     half = scenario.duration // 2
@@ -221,7 +221,7 @@ def test_tuning_improves_held_out_runs(method, tmp_path):
 
 @pytest.mark.thorough
 def test_tuning_without_significant_improvement_is_reported(tmp_path):
-    """From gains that are good already, on four runs: better in these, worse in others."""
+    """Good initial gains are tuned on four runs: the result is better in these runs and worse in others."""
     good = {"autopilot.law.k1": "0.5", "autopilot.law.k2": "2"}
     ranges = {"autopilot.law.k1": "0.5:3", "autopilot.law.k2": "0.5:5"}
     words = ("--cost", "error_rms:yaw_rate", "--runs", 4, "--judge-runs", 64, "--iterations", 6, "--seed", 3)
@@ -272,7 +272,7 @@ def test_gain_range_is_given_in_numbers_or_percent():
 
 @pytest.mark.parametrize(("span", "start"), [("80%:120%", 0.5), ("-4:-0.1", None), ("loguniform(50%, 200%)", 0.5)])
 def test_negative_gain_moves_within_its_range(span, start):
-    """The range is what comes out of the product; a place in it and its slope go the way that the gain goes."""
+    """The range is that of the scaled value; position in the range and slope follow the direction of the gain."""
     path = "world.vehicle.rotors.places[2,0]"
     found = tune_gains({path: span})
     assert start is None or found.start == pytest.approx([start])

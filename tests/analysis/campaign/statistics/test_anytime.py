@@ -23,7 +23,7 @@ def test_log_evidence_equals_numerical_integral(k, n, p):
 
 @pytest.mark.parametrize("p", [0.05, 0.5, 0.97])
 def test_evidence_is_a_martingale(p):
-    """Summed over all outcomes of n runs its mean is 1: what Ville's inequality needs."""
+    """The mean of the evidence over all outcomes of n runs is 1, as Ville's inequality requires."""
     for n in (1, 7, 60):
         k = np.arange(n + 1)
         assert stats.binom.pmf(k, n, p) @ np.exp(log_evidence(k, n, p)) == pytest.approx(1, rel=1e-9)
@@ -42,7 +42,7 @@ def test_anytime_bounds_solve_their_equation_and_mirror():
 @pytest.mark.thorough("0.02", "0.5", "0.9")
 @pytest.mark.parametrize("p", [0.02, 0.5, 0.9, 0.99])
 def test_anytime_interval_has_stated_coverage_at_every_run(p):
-    """2000 coins thrown 1000 times, looked at after every throw: each side fails in at most 2.5 % (+ 3 sigma)."""
+    """2000 coins are thrown 1000 times and checked after each throw: each side fails in at most 2.5 % (+ 3 sigma)."""
     heads = np.cumsum(np.random.default_rng(3).random((2000, 1000)) < p, axis=1)
     low, high = np.array([ranks_anytime(n, p, 0.95) for n in range(1, 1001)]).T
     too_high, too_low = (heads >= high).any(axis=1).mean(), (heads < low).any(axis=1).mean()

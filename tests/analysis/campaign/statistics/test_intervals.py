@@ -11,7 +11,7 @@ from trimtab.core.errors import InputError
 
 
 def bound(k, n, tail, low):
-    """By bisection of the binomial's own tails."""
+    """Return the bound by bisection of the binomial tails."""
     a, b = 0.0, 1.0
     for _ in range(80):
         p = (a + b) / 2
@@ -133,7 +133,7 @@ def test_mean_bounds_invert_the_skewness_transformation():
 
 
 def one_sided(draw, runs, true_mean, campaigns=2000):
-    """How often (the lower bound, the upper bound) at 95 % hold the mean; the same for Student's."""
+    """Return the coverage of the lower and the upper 95 % bound; the same for Student's bounds."""
     rows = draw(np.random.default_rng(2), (campaigns, runs))
     found = [mean(row, 0.9) for row in rows]
     t = stats.t.ppf(0.95, runs - 1) * rows.std(axis=1, ddof=1) / math.sqrt(runs)

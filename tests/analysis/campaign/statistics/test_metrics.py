@@ -1,4 +1,4 @@
-"""Metrics of a block against those of each log alone, and texts that are refused."""
+"""Metrics of a block compared with those of each single log, and invalid metric texts."""
 
 import numpy as np
 import pytest

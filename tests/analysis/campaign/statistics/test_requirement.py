@@ -104,7 +104,7 @@ def test_verdict_text_names_the_deciding_bound():
 
 @pytest.mark.thorough
 def test_false_acceptance_rate_is_at_most_5_percent():
-    """True probability exactly at the limit, and at the limit's quantile: 2000 campaigns each."""
+    """The true probability or quantile lies exactly at the limit; 2000 campaigns each."""
     rng = np.random.default_rng(9)
     met = [judged("success >= 0.9", success=trials(k, 400)).is_met for k in rng.binomial(400, 0.9, 2000)]
     assert 0.02 < np.mean(met) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 2000)

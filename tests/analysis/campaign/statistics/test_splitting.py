@@ -1,4 +1,4 @@
-"""Splitting against probabilities known in closed form, and intervals that hold the truth as often as they say."""
+"""Splitting compared with probabilities in closed form, and intervals with the stated coverage."""
 
 import numpy as np
 import pytest
@@ -109,7 +109,7 @@ def test_mcmc_steps_preserve_the_conditional_distribution():
 
 
 def test_poor_ladder_gives_an_unbiased_estimate():
-    """Uneven levels and steps far too short: wider, not wrong."""
+    """Uneven levels and far too short steps widen the interval, but the estimate stays unbiased."""
     p, margins = 1e-3, linear(-special.ndtri(1e-3))
     levels = -special.ndtri(p) - np.array([0.4, 1.9, -special.ndtri(p)])
     ladder = Ladder(levels, np.full((2, 2), 0.05), np.array([0.05, 0.9]), 0.0, 0)
@@ -136,7 +136,7 @@ def test_no_failure_gives_no_upper_bound():
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("name", ["two parameters", "noise alone", "both", "two corners"])
 def test_interval_coverage_at_one_in_a_million(name, capsys):
-    """Of 100 estimates with 95 % intervals, as many hold the truth as fits 95 %, and the mean is the truth."""
+    """Of 100 intervals at 95 %, about 95 contain the true value, and the mean estimate is unbiased."""
     margins, d, m, p = make(name)
     found = [estimate(margins, d, m, 100_000, seed)[0] for seed in range(100)]
     held = sum(f.low <= p <= f.high for f in found)

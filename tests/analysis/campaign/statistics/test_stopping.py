@@ -1,4 +1,4 @@
-"""Stopping at a wanted width, and what it does to the coverage."""
+"""Stopping at a requested interval width, and its effect on the coverage."""
 
 import math
 
@@ -56,7 +56,7 @@ def test_stopped_interval_keeps_the_stated_coverage(width, block, top, level):
 
 
 def test_plain_interval_stopped_at_width_loses_coverage():
-    """The number of docs/campaign/metrics.md; and what the repair costs in runs."""
+    """Checks the coverage in docs/campaign/metrics.md, and the additional runs of the corrected interval."""
     p = np.linspace(0.005, 0.5, 60)
     plain, short = stopped_coverage(0.1, 5, 0.05, p)
     _, long = stopped_coverage(0.1, 5, TAILS * 0.05, p)

@@ -1,4 +1,4 @@
-"""Flights that are kept: asked for again they are read, and a search that was stopped goes on to the same end."""
+"""Stored flights: repeated requests are read from the store, and an interrupted search resumes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Rows that leave a campaign are the same when they are read back, with what decided them."""
+"""Exported rows of a campaign are read back unchanged, together with its plan and identity."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""A store believes only what is sound and its own."""
+"""A store accepts only undamaged data of its own campaign."""
 
 import json
 

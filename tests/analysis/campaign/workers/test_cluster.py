@@ -121,7 +121,7 @@ BOAT = Calibration(
 
 
 def with_boat(file, runs):
-    """A campaign of a craft that a calibration file is of, with a spread besides."""
+    """Return a campaign of a craft with a calibration file and a spread."""
     settings = {"links": "measured", "duration": "2 s", "world.uplink.capacity": "32", "calibration": str(file)}
     return small(runs, settings=settings)
 
@@ -146,7 +146,7 @@ def test_plan_contains_the_calibration_for_workers(tmp_path):
 
 @pytest.mark.real_time
 def test_remote_workers_fly_a_calibrated_craft(folder, processes, tmp_path):
-    """Processes of another folder, and the file gone before they begin."""
+    """The workers run in another folder, and the calibration file is deleted before they start."""
     file = tmp_path / "boat.toml"
     file.write_text(format_calibration(BOAT), encoding="utf-8")
     asked, wanted = with_boat(file, 2 * BLOCK), with_boat(file, 2 * BLOCK).run().columns
