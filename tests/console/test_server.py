@@ -247,7 +247,7 @@ HOSTILE = {
     "a message of 10 MB": "x" * 10_000_000,
     "binary": b"\x00\xff" * 100,
     "an unknown type": '{"type": "note", "text": "in the log"}',
-    "a value that is no number": '{"type": "set", "path": "a", "slot": 0, "value": NaN, "id": 1}',
+    "nan value": '{"type": "set", "path": "a", "slot": 0, "value": NaN, "id": 1}',
     "a flood": ['{"type": "ping", "sent": 1}'] * 2000,
 }
 

@@ -27,7 +27,7 @@ BAD = {
     "no number": ("rudder [deg],speed [rpm],force [N]\n0,6000,abc\n", "column 'force': 'abc'"),
     "not finite": ("rudder [deg],speed [rpm],force [N]\n0,6000,nan\n", "not finite"),
     "repeated rows": ("rudder [deg],speed [rpm],force [N]\n0,6000,1\n0,7000,1\n0,6000,1\n", "lines 2 and 4"),
-    "has column of a name": ("speed [rpm],speed [rpm],force [N],rudder [deg]\n1,2,3,4\n", "has column"),
+    "repeated column name": ("speed [rpm],speed [rpm],force [N],rudder [deg]\n1,2,3,4\n", "has column"),
 }
 
 

@@ -168,7 +168,7 @@ REFUSED = {
     "too few columns": ("t,x\n1,2\n3\n", "line 3 has 1 columns"),
     "text": ("t,x\n1,left\n", "line 2, column 'x': 'left' is not a number"),
     "nan": ("t,x\n1,2\n2,nan\n", "line 3, column 'x': 'nan' is not finite"),
-    "a time without a number": ("t,x\n1,2\n,3\n", "line 3, column 't': the cell is empty"),
+    "empty time cell": ("t,x\n1,2\n,3\n", "line 3, column 't': the cell is empty"),
     "microseconds": ("timestamp,x\n1000000000,1\n1000005000,2\n", r"every 5000 s(.|\n)*timestamp \[us\]"),
     "milliseconds": ("t,x\n0,1\n10,2\n", r"every 10 s(.|\n)*t \[ms\]"),
     "nanoseconds": ("t,x\n0,1\n10000000,2\n", r"no unit is given(.|\n)*t \[ns\]"),

@@ -63,12 +63,12 @@ def other_world(case, **changes):
 
 
 WORLDS = {
-    "no bulge": ("06", lambda b: {"earth": replace(b.earth, j2=0.0)}, "altitudeMsl_ft"),
-    "earth stands still below": ("01", lambda b: {"earth": replace(b.earth, rate=0.0)}, "feVelocity_ft_s_Y"),
-    "a thousandth more drag": ("06", lambda b: {"aerodynamics": replace(b.aerodynamics, drag=0.1001)}, "mach"),
-    "wind from the other side": ("07", lambda b: {"wind": Wind(east=-6.096)}, "feVelocity_ft_s_Y"),
-    "shear upside down": ("08", lambda b: {"wind": Wind(east=-6.096, east_shear=-0.003)}, "longitude_deg"),
-    "another moment of inertia": ("02", lambda b: {"inertia": b.inertia * np.array([1.1, 1, 1])}, "eulerAngle_deg_Yaw"),
+    "no J2 term": ("06", lambda b: {"earth": replace(b.earth, j2=0.0)}, "altitudeMsl_ft"),
+    "non-rotating earth": ("01", lambda b: {"earth": replace(b.earth, rate=0.0)}, "feVelocity_ft_s_Y"),
+    "drag +0.1 %": ("06", lambda b: {"aerodynamics": replace(b.aerodynamics, drag=0.1001)}, "mach"),
+    "reversed wind": ("07", lambda b: {"wind": Wind(east=-6.096)}, "feVelocity_ft_s_Y"),
+    "reversed wind shear": ("08", lambda b: {"wind": Wind(east=-6.096, east_shear=-0.003)}, "longitude_deg"),
+    "moment of inertia +10 %": ("02", lambda b: {"inertia": b.inertia * np.array([1.1, 1, 1])}, "eulerAngle_deg_Yaw"),
     "less damping": (
         "03",
         lambda b: {"aerodynamics": replace(b.aerodynamics, pitch_damping=-0.9)},

@@ -127,7 +127,7 @@ def test_batch_solution_minimises_its_cost():
 
 
 def worse_data(**change):
-    """The logs otherwise: change has functions of a Plaza that give new fields of it."""
+    """Return a reader of changed logs; each function in `change` computes a new field from a Plaza."""
     return lambda read: lambda name: read(name)._replace(**{k: f(read(name)) for k, f in change.items()})
 
 
@@ -136,10 +136,10 @@ def wild(p):
 
 
 DATA_WORLDS = {
-    "ranges longer by a twentieth": worse_data(range=lambda p: 1.05 * p.range),
-    "each twentieth range 5 m too long": worse_data(range=wild),
-    "an error that lasts": worse_data(range=lambda p: p.range + 0.5 * np.sin(0.3 * p.range_t)),
-    "odometry of a real wheel": worse_data(
+    "ranges 5 % too long": worse_data(range=lambda p: 1.05 * p.range),
+    "every 20th range 5 m too long": worse_data(range=wild),
+    "correlated range error": worse_data(range=lambda p: p.range + 0.5 * np.sin(0.3 * p.range_t)),
+    "odometry scale error and drift": worse_data(
         distance=lambda p: 1.01 * p.distance, turn=lambda p: p.heading - p.heading[0] + 1e-4 * p.t
     ),
 }

@@ -12,12 +12,12 @@ from trimtab.logs.mcap import read_mcap, write_mcap
 
 WRONG_FILES = {
     "empty": ("a.ulg", b"", "is empty"),
-    "not that": (
+    "wrong content for its suffix": (
         "a.ulg",
         b"hello, world, hello",
         "is not a ULog file, although its name has that ending(.|\n)*Choices: ULog",
     ),
-    "nothing known": ("a.dat", b"hello, world, hello", r"has an unknown format(.|\n)*\.csv"),
+    "unknown format": ("a.dat", b"hello, world, hello", r"has an unknown format(.|\n)*\.csv"),
     "damaged ulog": ("a.ulg", b"ULog\x01\x12\x35\x01" + b"\xff" * 4, "a.ulg': looks like ULog by its first bytes"),
     "damaged mcap": ("a.mcap", b"\x89MCAP0\r\n" + b"\x07" * 90, "looks like MCAP by its first bytes"),
     "damaged bag": ("a.bag", b"#ROSBAG V2.0\n" + b"\x07" * 90, "looks like a ROS bag by its first bytes"),
@@ -78,13 +78,13 @@ WRONG_CSV = {
         "t,x\n0,5,1,5\n",
         r"line 2 has 4 columns, but there are 2 names: the file seems to have decimal commas",
     ),
-    "words": ("t,x\n0,up\n", r"line 2, column 'x': 'up' is not a number"),
+    "text value": ("t,x\n0,up\n", r"line 2, column 'x': 'up' is not a number"),
     "no rows": ("t,x\n", r"has no rows"),
     "no time": ("when,x\n0,1\n", r"does not name the column of times(.|\n)*Choices: when, x(.|\n)*time = \{field"),
     "all gaps": ("t,x\n0,\n1,\n", r"no row has only finite values: x"),
-    "two of one time": ("t,x\n0,1\n1,2\n1,3\n", r"have the time of another(.|\n)*1\.0000000 s: 2\.0, then 3\.0"),
-    "clock anew": ("t,x\n7,1\n8,2\n0,3\n", r"jump back by 8 s at row 3"),
-    "a time that is none": ("t,x\n0,1\n,3\n", r"row 2 of 't' is nan"),
+    "duplicate time": ("t,x\n0,1\n1,2\n1,3\n", r"have the time of another(.|\n)*1\.0000000 s: 2\.0, then 3\.0"),
+    "clock restarts": ("t,x\n7,1\n8,2\n0,3\n", r"jump back by 8 s at row 3"),
+    "nan time": ("t,x\n0,1\n,3\n", r"row 2 of 't' is nan"),
 }
 
 
