@@ -178,7 +178,7 @@ def test_rejects_invalid_size_and_name(ring):
         Ring.create(columns=1000, rows=10**9)
 
 
-def test_closing_and_unlinking_twice_is_harmless():
+def test_closing_twice_is_harmless():
     ring = Ring.create(columns=1)
     ring.close()
     ring.close()
