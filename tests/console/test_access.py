@@ -1,4 +1,4 @@
-"""Who gets in."""
+"""Access to the console: tokens, cookies, hosts and origins."""
 
 import pytest
 
@@ -20,7 +20,7 @@ def token(access, role):
 
 
 @pytest.mark.parametrize("role", [PILOT, OBSERVER])
-def test_a_token_is_exchanged_for_a_cookie_that_says_who_it_is(access, role):
+def test_token_is_exchanged_for_a_cookie_with_the_role(access, role):
     cookie = access.exchange(token(access, role))
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
@@ -28,7 +28,7 @@ def test_a_token_is_exchanged_for_a_cookie_that_says_who_it_is(access, role):
     assert access.role({"cookie": cookie.partition(";")[0]}) == role
 
 
-def test_strangers_have_no_role(access):
+def test_foreign_cookies_have_no_role(access):
     other = Access("127.0.0.1", 8080, False, lambda _: None)
     cookie = other.exchange(token(other, PILOT)).partition(";")[0]
     for header in (
@@ -41,7 +41,7 @@ def test_strangers_have_no_role(access):
         assert access.role(header) is None
 
 
-def test_wrong_tokens_are_noted_and_after_some_none_is_looked_at(access, noted):
+def test_wrong_tokens_are_logged_and_then_locked_out(access, noted):
     right = token(access, PILOT)
     assert access.exchange("") is None
     for _ in range(MOST_WRONG_TOKENS):
@@ -50,7 +50,7 @@ def test_wrong_tokens_are_noted_and_after_some_none_is_looked_at(access, noted):
     assert access.exchange(right) is None  # too many wrong ones of late
 
 
-def test_hosts_and_origins_are_its_own(access):
+def test_accepts_only_own_hosts_and_origins(access):
     assert all(access.is_own_host(h) for h in ("127.0.0.1:8080", "localhost:8080", "LOCALHOST:8080", "[::1]:8080"))
     assert not any(
         access.is_own_host(h) for h in ("", "127.0.0.1", "127.0.0.1:8081", "evil.example:8080", "10.0.0.1:8080")
@@ -60,7 +60,7 @@ def test_hosts_and_origins_are_its_own(access):
     assert not any(access.is_own_origin(o) for o in wrong)
 
 
-def test_with_tls_cookie_and_address_say_so():
+def test_tls_sets_secure_cookie_and_https_address():
     access = Access("192.168.4.1", 443, True, lambda _: None)
     assert access.url(PILOT).startswith("https://192.168.4.1:443/?token=")
     assert "Secure" in access.exchange(token(access, PILOT))
@@ -68,7 +68,7 @@ def test_with_tls_cookie_and_address_say_so():
     assert not access.is_own_host("localhost:443")
 
 
-def test_two_consoles_have_other_tokens_and_cookies():
+def test_two_consoles_have_different_tokens():
     pair = [Access("127.0.0.1", port, False, lambda _: None) for port in (1, 2)]
     assert len({token(a, role) for a in pair for role in (PILOT, OBSERVER)}) == 4
     assert len(token(pair[0], PILOT)) == 32

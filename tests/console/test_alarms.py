@@ -1,4 +1,4 @@
-"""What is wrong, out of rows."""
+"""Alarms derived from the rows of a flight."""
 
 import math
 
@@ -31,18 +31,18 @@ def alarms(found, now=100.0):
     return {a.id: (a.level, a.text) for a in found.list_alarms(now)}
 
 
-def test_nothing_is_wrong_in_a_good_flight_nor_before_the_first_row():
+def test_no_alarms_in_nominal_flight_or_before_first_row():
     assert alarms(flight()) == {}
     assert alarms(Flight(HELLO)) == {}
 
 
-def test_an_autopilot_that_gives_no_rows_does_not_answer():
+def test_missing_rows_raise_no_data_alarm():
     assert alarms(flight(), now=100.4) == {}
     assert alarms(flight(), now=100.7) == {"mute": (ALARM, "no data from the autopilot for 0.7 s")}
 
 
 @pytest.mark.parametrize(("age", "level"), [(0.27, None), (0.29, WARNING), (0.41, ALARM)])
-def test_an_age_is_warned_of_before_it_trips(age, level):
+def test_sample_age_warns_before_its_limit(age, level):
     found = alarms(flight(estimate__age=age))
     assert found.get("age-estimate", (None,))[0] == level
 
@@ -50,7 +50,7 @@ def test_an_age_is_warned_of_before_it_trips(age, level):
 @pytest.mark.parametrize(
     ("mode", "cause", "level"), [(LOST, 12, ALARM), (FAULT, SPEED, ALARM), (ENDED, ENDED_BY, WARNING)]
 )
-def test_the_supervisors_mode(mode, cause, level):
+def test_supervisor_mode_alarm_states_the_cause(mode, cause, level):
     found = alarms(flight(supervisor__mode=mode, supervisor__cause=cause))
     ((shown, text),) = found.values()
     assert shown == level
@@ -58,7 +58,7 @@ def test_the_supervisors_mode(mode, cause, level):
 
 
 @pytest.mark.parametrize(("held_for", "text"), [(0.05, None), (0.4, "stick 0.40 s old, limit 0.3 s")])
-def test_stick_age_counts_from_taking_the_stick(held_for, text):
+def test_stick_age_counts_from_taking_control(held_for, text):
     stick = {"path": "downlink.stick.age", "label": "stick", "limit": 0.3}
     found = Flight(HELLO | {"signals": [*HELLO["signals"], stick], "ages": [*HELLO["ages"], stick]})
     found.take_row(1.0, 100.0, [*SIGNALS.values(), 66.0])
@@ -67,14 +67,14 @@ def test_stick_age_counts_from_taking_the_stick(held_for, text):
     assert alarms(found) == ({} if text is None else {"age-stick": (ALARM, text)})
 
 
-def test_a_vehicle_that_was_armed_and_is_not():
+def test_disarming_after_being_armed_raises_an_alarm():
     found = flight()
     found.take_row(2.0, 100.0, list((SIGNALS | {"vehicle.armed": 0.0}).values()))
     assert "disarmed" in alarms(found)
     assert "disarmed" not in alarms(flight(vehicle__armed=0.0))
 
 
-def test_many_overruns_at_a_time_are_shown_and_a_few_are_not():
+def test_only_frequent_overruns_raise_a_warning():
     found = flight(loop__overruns=3.0)
     assert "overrun" not in alarms(found, 100.3)
     for clock, overruns, is_warned in ((101.0, 23.0, False), (101.5, 24.0, True), (103.6, 24.0, False)):
@@ -82,7 +82,7 @@ def test_many_overruns_at_a_time_are_shown_and_a_few_are_not():
         assert ("overrun" in alarms(found, clock)) == is_warned, clock
 
 
-def test_requests_say_why_not():
+def test_unavailable_requests_state_the_reason():
     requests = flight().explain_requests()
     assert requests["hold"] == {"allowed": True, "why": ""}
     assert requests["resume"] == {"allowed": False, "why": "the mode is flying, not hold"}
@@ -104,7 +104,7 @@ def test_each_mode_explains_each_request(mode):
     assert any(not text for text in why.values())
 
 
-def test_the_link_is_described_from_counts_and_ages():
+def test_link_statistics_come_from_counts_and_ages():
     found = flight(link__samples=100.0, link__lost=0.0)
     found.describe_link({})
     found.take_row(2.0, 101.0, list((SIGNALS | {"link.samples": 190.0, "link.lost": 10.0}).values()))
@@ -117,7 +117,7 @@ def test_the_link_is_described_from_counts_and_ages():
     assert not any(isinstance(v, float) and math.isnan(v) for v in flight().describe_link({}).values())
 
 
-def test_a_formula_that_is_broken_is_an_alarm_as_long_as_it_is():
+def test_violated_formula_raises_alarm_while_violated():
     more = {"monitor.turn.robustness": 0.0, "monitor.turn.verdict": 0.0, "monitor.rest.verdict": 1.0}
     hello = HELLO | {"signals": [*HELLO["signals"], *({"path": p, "modes": None} for p in more)]}
     found = Flight(hello)

@@ -142,14 +142,14 @@ def keep_picture(page, name):
 
 
 class TestFlightWithoutAPilot:
-    def test_without_the_token_there_is_no_page(self, flight):
+    def test_page_is_forbidden_without_the_token(self, flight):
         for address in (flight.url.partition("?")[0], re.sub("token=.*", "token=guess", flight.url)):
             with pytest.raises(urllib.error.HTTPError, match="403"):
                 urllib.request.urlopen(address, timeout=10)
 
     @pytest.mark.parametrize("theme", THEMES)
     @pytest.mark.parametrize("size", SIZES)
-    def test_nothing_is_cut_off_or_jumps(self, browser, flight, size, theme):
+    def test_layout_fits_the_window_and_does_not_shift(self, browser, flight, size, theme):
         width, height = SIZES[size]
         context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=theme)
         page = context.new_page()
@@ -181,7 +181,7 @@ def take_stick(page):
     wait(page, "trimtab.state.status.pilot === 'you'")
 
 
-def test_a_person_flies_stops_and_flies_again(page, own_flight):
+def test_pilot_flies_stops_and_flies_again(page, own_flight):
     """Arm, forward by the gamepad, another gain and its effect, a lost link and its alarm, stop, arm again.
 
     The test ends the flight and reads in its log what was done.
@@ -228,7 +228,7 @@ def test_a_person_flies_stops_and_flies_again(page, own_flight):
         assert text in texts, text
 
 
-def test_a_page_that_hangs_holds_and_stops(page, own_flight):
+def test_frozen_page_causes_hold_then_end_of_flight(page, own_flight):
     """The page's thread stands still for five seconds, as in a debugger. The console's own process ends the flight."""
     arm(page)
     take_stick(page)
@@ -248,7 +248,7 @@ def end_and_read_events(flight):
     return "\n".join(event["text"] for event in log.metadata["events"])
 
 
-def test_a_recorded_flight_plays(browser, page, own_flight):
+def test_recorded_flight_is_played_back(browser, page, own_flight):
     arm(page)
     wait(page, "trimtab.source.rows.count > 100")
     own_flight.end()
@@ -264,7 +264,7 @@ def test_a_recorded_flight_plays(browser, page, own_flight):
     recorded.end()
 
 
-def test_a_hypersonic_flight_is_drawn_from_the_side(browser, tmp_path):
+def test_hypersonic_flight_is_drawn_in_side_view(browser, tmp_path):
     from trimtab.core.record import replace
     from trimtab.core.time import ms, seconds
     from trimtab.logs.mcap import write_mcap
@@ -287,7 +287,7 @@ def test_a_hypersonic_flight_is_drawn_from_the_side(browser, tmp_path):
 
 
 @pytest.mark.parametrize("theme", THEMES)
-def test_a_flight_in_space_is_drawn_against_the_horizon(browser, tmp_path, theme):
+def test_spatial_flight_is_drawn_against_the_horizon(browser, tmp_path, theme):
     from loop.lander import hover
 
     from trimtab.core.time import ms

@@ -1,4 +1,4 @@
-"""A campaign's store on a page: its rows, and a run flown again beside the nominal one."""
+"""A campaign's store on a page: its rows, and a rerun beside the nominal run."""
 
 import asyncio
 import json
@@ -43,7 +43,7 @@ def feed(store):
 
 
 @pytest.mark.thorough
-def test_columns_say_what_they_are_and_rows_have_them(feed):
+def test_columns_declare_their_roles_and_rows_match(feed):
     hello = feed.feed._hello
     roles = {c["path"]: c["role"] for c in hello["columns"]}
     assert roles["run"] == "run"
@@ -53,7 +53,7 @@ def test_columns_say_what_they_are_and_rows_have_them(feed):
     assert rows[:, list(roles).index("run")].tolist() == [0, 1, 2, 3, 4, 5]
 
 
-def test_a_run_is_flown_again_beside_the_nominal_one(feed):
+def test_run_is_rerun_beside_the_nominal_flight(feed):
     answer = json.loads(ask(feed, "/campaign/fly", '{"run": 3}').body)
     flights = feed.feed.flights
     assert flights[answer["flight"]].about["title"] == "run 3"
@@ -65,11 +65,11 @@ def test_a_run_is_flown_again_beside_the_nominal_one(feed):
 
 
 @pytest.mark.parametrize("body", ['{"run": 6}', '{"run": true}', '{"run": "1"}', "{}", "}{"])
-def test_what_is_no_run_is_refused(feed, body):
+def test_rejects_invalid_run_number(feed, body):
     assert ask(feed, "/campaign/fly", body).status_code == 400
 
 
-def test_no_file_is_run_because_a_store_names_it(store, tmp_path):
+def test_store_cannot_make_the_console_run_a_file(store, tmp_path):
     copied = tmp_path / "other.zarr"
     shutil.copytree(store, copied)
     for file in copied.rglob("zarr.json"):

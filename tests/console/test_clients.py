@@ -1,4 +1,4 @@
-"""What a page may send."""
+"""Messages that a page may send."""
 
 import json
 
@@ -21,7 +21,7 @@ GOOD = {
 
 
 @pytest.mark.parametrize("kind", MESSAGES)
-def test_good_messages_are_taken_and_nothing_else_in_them(kind):
+def test_valid_messages_are_parsed_without_extra_fields(kind):
     sent = {"type": kind, **GOOD[kind]}
     assert parse_message(json.dumps({**sent, "pilot": 9, "clock": 1e9}), PILOT) == sent
 
@@ -52,13 +52,13 @@ def test_good_messages_are_taken_and_nothing_else_in_them(kind):
         "[" * 3000,
     ],
 )
-def test_anything_else_is_refused(text):
+def test_rejects_malformed_messages(text):
     with pytest.raises((ValueError, RecursionError)):
         parse_message(text, PILOT)
 
 
 @pytest.mark.parametrize("kind", MESSAGES)
-def test_observers_only_look(kind):
+def test_observers_cannot_send_commands(kind):
     text = json.dumps({"type": kind, **GOOD[kind]})
     if kind in ("ping", "acknowledge"):
         assert parse_message(text, OBSERVER)["type"] == kind

@@ -1,4 +1,4 @@
-"""Roll, pitch, yaw and altitude beside the rows of a flight that goes on, out of its estimate."""
+"""Roll, pitch, yaw and altitude, computed from the estimate and appended to the rows of a live flight."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ PARTS = {
 
 
 def list_signals(frame: str = "WB") -> list:
-    """As a page is told them."""
+    """Return the signals as described to a page."""
     found = []
     for path, (declared, size) in PARTS.items():
         if path.endswith("attitude"):
@@ -39,7 +39,7 @@ def unpack(numbers: FlightNumbers, row: bytes) -> dict[str, float]:
     return dict(zip(numbers.declared, end.tolist(), strict=True))
 
 
-def test_a_row_has_angles_place_and_speeds_at_its_end():
+def test_appends_angles_position_and_speeds_to_a_row():
     numbers = FlightNumbers(list_signals())
     row = pack((0.3, -0.2, 2.0))
     more = numbers.extend(row)
@@ -51,13 +51,13 @@ def test_a_row_has_angles_place_and_speeds_at_its_end():
     assert found["flight.ground_speed"] == pytest.approx(3 * np.cos(-0.2), abs=1e-6)
 
 
-def test_a_heading_goes_on_through_a_turn():
+def test_yaw_is_unwrapped_through_a_full_turn():
     numbers = FlightNumbers(list_signals())
     seen = [unpack(numbers, numbers.extend(pack((0.0, 0.0, yaw))))["flight.yaw"] for yaw in np.arange(0, 14, 0.5)]
     np.testing.assert_allclose(seen, np.arange(0, 14, 0.5), atol=1e-5)
 
 
-def test_before_there_is_an_estimate_nothing_is_known_and_nothing_warns():
+def test_missing_estimate_gives_nan_without_warnings():
     numbers = FlightNumbers(list_signals())
     bare = np.full(14, np.nan, "<f4").tobytes()
     assert np.isnan(unpack(numbers, numbers.extend(HEAD.pack(0.0, 0.0) + bare))["flight.yaw"])
@@ -66,20 +66,20 @@ def test_before_there_is_an_estimate_nothing_is_known_and_nothing_warns():
     assert unpack(numbers, numbers.extend(pack((0.0, 0.0, 1.0))))["flight.yaw"] == pytest.approx(1.0)
 
 
-def test_other_vehicles_rows_stay_as_they_are():
+def test_rows_of_other_vehicles_are_unchanged():
     for signals in (list_signals("IB"), [describe_signal("estimate.state.heading", Quantity("rad", "Heading."))]):
         numbers = FlightNumbers(signals)
         assert (numbers.declared, numbers.extend(b"row")) == ({}, b"row")
 
 
-def test_what_was_added_is_not_taken_for_a_signal_of_the_flight():
+def test_added_signals_are_not_read_as_flight_signals():
     signals = list_signals()
     more = [describe_signal(path, declared) for path, declared in FlightNumbers(signals).declared.items()]
     row = pack((0.1, 0.2, 0.3))
     assert FlightNumbers([*signals, *more]).extend(row) == FlightNumbers(signals).extend(row)
 
 
-def test_an_estimate_with_angles_as_numbers_gives_them_as_they_are():
+def test_scalar_angle_estimates_are_passed_through():
     names = ("altitude", "roll", "pitch", "alpha")
     signals = [describe_signal(f"estimate.state.{n}", Quantity("1", "A number.")) for n in names]
     numbers = FlightNumbers(signals)

@@ -1,4 +1,4 @@
-"""What a page is told first: how a craft is drawn, from the signals that there are."""
+"""The first message to a page: the view of a craft, derived from the available signals."""
 
 import re
 from importlib.resources import files
@@ -14,7 +14,7 @@ def paths(prefix, *names):
     return [f"{prefix}.{name}" for name in names]
 
 
-def test_from_above_with_and_without_a_position():
+def test_planar_view_with_and_without_position():
     estimate = paths("estimate.state", *PLANAR)
     view = describe_view(estimate, None)
     assert (view["kind"], view["pose"]) == (
@@ -31,7 +31,7 @@ def test_from_above_with_and_without_a_position():
     assert view["covariance"] == {"nn": "estimate.state.sigma_north", "ee": "estimate.state.sigma_east"}
 
 
-def test_the_hall_is_drawn_where_the_scenario_has_one():
+def test_planar_view_includes_hall_of_the_scenario():
     scenario = build("hovercraft/pilot", {"navigation": "ins", "supervisor": "automatic"})
     view = describe_view(paths("estimate.state", *PLANAR), scenario)
     assert len(view["beacons"]) > 10
@@ -39,7 +39,7 @@ def test_the_hall_is_drawn_where_the_scenario_has_one():
     assert view["length"] == 2 * 0.32
 
 
-def test_from_the_side_out_of_the_truth_or_of_what_is_estimated():
+def test_side_view_uses_truth_or_estimate():
     modes = ("eta1", "eta2")
     view = describe_view([*paths("truth", *SIDE, "theta", *modes), *paths("estimate.state", *SIDE, *modes)], None)
     assert view["attitude"] == {"alpha": "truth.alpha", "theta": "truth.theta"}
@@ -50,7 +50,7 @@ def test_from_the_side_out_of_the_truth_or_of_what_is_estimated():
     assert (view["modes"]["eta2"], view["estimated"]) == ("estimate.state.eta2", None)
 
 
-def test_in_space_where_angles_are_worked_out():
+def test_spatial_view_uses_derived_angles():
     known = [*paths("flight", "roll", "pitch", "yaw"), *paths("estimate.state", *PLANAR)]
     view = describe_view(known, None)
     assert (view["kind"], view["plan"], view["altitude"]) == ("spatial", None, None)
@@ -60,12 +60,12 @@ def test_in_space_where_angles_are_worked_out():
     assert (view["altitude"], view["climb"], view["air_speed"]) == ("flight.altitude", "flight.climb", None)
 
 
-def test_what_has_no_drawing_is_plain():
+def test_unknown_vehicle_gets_the_plain_view():
     assert describe_view(["estimate.state.x"], None) == {"kind": "plain"}
 
 
-def test_the_page_reads_what_is_told():
-    """Keys of a view are written once here and once in the page: they have to be the same."""
+def test_page_reads_the_keys_of_each_view():
+    """The keys of a view in Python and in the page must be the same."""
     folder = files("trimtab.console") / "page"
     estimate = [*paths("estimate.state", *PLANAR), *paths("estimate.state", *SIDE, "h_rate")]
     space = describe_view(paths("flight", "roll", "pitch", "yaw", "north", "east"), None)
@@ -79,7 +79,7 @@ def test_the_page_reads_what_is_told():
         assert read <= set(view), read - set(view)
 
 
-def test_set_points_hold_for_truth_and_estimate():
+def test_set_points_apply_to_truth_and_estimate():
     scenario = build("hovercraft/forward")
     known = ["truth.surge_velocity", "estimate.state.surge_velocity", "estimate.state.h", "law.h_reference"]
     found = list_set_points(scenario, known)
@@ -88,7 +88,7 @@ def test_set_points_hold_for_truth_and_estimate():
     assert found["estimate.state.h"] == "law.h_reference"
 
 
-def test_a_calibration_is_named_by_its_hash():
+def test_calibration_is_named_by_its_hash():
     assert shorten_hash({"calibration": {"sha256": "0123456789abcdef"}}) == "01234567"
     assert shorten_hash({"scenario": "a"}) == ""
     assert shorten_hash(()) == ""

@@ -1,4 +1,4 @@
-"""The page as files: it asks nobody else for anything, runs under a strict policy, and stays small."""
+"""The files of the page: no external requests, a strict content policy, and small size."""
 
 import re
 from html.parser import HTMLParser
@@ -49,13 +49,13 @@ def _name(path: Any) -> str:
     return str(path.relative_to(PAGE))
 
 
-def test_page_is_there():
+def test_page_files_are_packaged():
     names = {_name(path) for path in FILES}
     assert {"index.html", "console.css", "main.js", "stop.js", "vendor/README", "vendor/LICENSE-uPlot"} <= names
 
 
 @pytest.mark.parametrize("path", [path for path in FILES if path.suffix != ".png"], ids=_name)
-def test_no_foreign_address(path: Path):
+def test_page_contains_no_external_address(path: Path):
     if path.name.startswith("LICENSE"):
         return
     text = path.read_text()
@@ -76,25 +76,25 @@ def test_no_inline_script_or_style():
 
 
 @pytest.mark.parametrize("path", MODULES, ids=_name)
-def test_module_writes_no_html(path: Path):
-    """What the server says is text on the page, never markup; and nothing is made to run from text."""
+def test_modules_write_no_html(path: Path):
+    """Text from the server is never inserted as markup or executed."""
     text = path.read_text()
     for word in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval(", "new Function", '"style"'):
         assert word not in text
 
 
-def test_stop_comes_first_and_needs_nothing():
+def test_stop_script_loads_first_without_imports():
     scripts = [attributes["src"] for tag, attributes in _elements().found if tag == "script"]
     assert scripts[0] == "stop.js"
     assert IMPORT.findall((PAGE / "stop.js").read_text()) == []
 
 
-def test_sizes():
+def test_page_files_stay_below_line_limits():
     assert _lines(PAGE / "console.css") < 300
     assert {_name(path): _lines(path) for path in MODULES if _lines(path) > 400} == {}
 
 
-def test_every_reference_exists():
+def test_every_referenced_file_exists():
     wanted = {
         str(attributes[name]) for _, attributes in _elements().found for name in ("src", "href") if name in attributes
     }
@@ -114,8 +114,8 @@ def test_every_module_is_used():
     assert sorted({path.name for path in MODULES} - used) == []
 
 
-def test_every_element_asked_for_exists():
-    """An id that a module looks up stands in the page, or in an element that a module builds."""
+def test_every_element_id_used_by_scripts_exists():
+    """An id used by a module is defined in the page or in an element that a module builds."""
     ids = {str(attributes["id"]) for _, attributes in _elements().found if "id" in attributes}
     for path in MODULES:
         asked = set(re.findall(r"""(?:getElementById|byId)\("([^"]+)"\)""", path.read_text()))

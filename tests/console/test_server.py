@@ -1,4 +1,4 @@
-"""The server as a process of its own: pages that behave and pages that don't, and a flight that notices neither."""
+"""The server as a separate process: well-behaved and hostile pages do not affect the flight."""
 
 import asyncio
 import json
@@ -78,7 +78,7 @@ def site():
 
 
 async def _collect(socket, kinds, seconds=10.0):
-    """Messages by type, until each of some kinds has come."""
+    """Collect messages by type until each of the given kinds has arrived."""
     found, end = {}, time.monotonic() + seconds
     while not set(kinds) <= set(found):
         packet = await asyncio.wait_for(socket.recv(), max(end - time.monotonic(), 0.01))
@@ -91,7 +91,7 @@ async def _collect(socket, kinds, seconds=10.0):
 
 
 @pytest.mark.real_time
-def test_without_the_cookie_nothing_is_given(site):
+def test_requests_without_cookie_are_forbidden(site):
     for path in ("/", "/main.js", "/console.css", "/../server.py", "/live", "/flights/0/rows"):
         status, _, body = site.get(path)
         assert (status, b"printed" in body) == (403, True), path
@@ -99,7 +99,7 @@ def test_without_the_cookie_nothing_is_given(site):
 
 
 @pytest.mark.real_time
-def test_the_page_loads_with_it_and_nothing_outside_its_folder(site):
+def test_page_loads_with_cookie_and_other_folders_do_not(site):
     cookie = site.cookie()
     status, headers, body = site.get("/", Cookie=cookie)
     assert (status, b"<html" in body) == (200, True)
@@ -110,13 +110,13 @@ def test_the_page_loads_with_it_and_nothing_outside_its_folder(site):
 
 
 @pytest.mark.real_time
-def test_another_host_is_refused_and_noted(site):
+def test_foreign_host_is_rejected_and_logged(site):
     assert site.get("/", Cookie=site.cookie(), Host="evil.example")[0] == 403
     assert any("evil.example" in note for note in _notes(site))
 
 
 @pytest.mark.real_time
-def test_a_request_from_another_origin_is_refused_and_noted(site):
+def test_foreign_origin_request_is_rejected_and_logged(site):
     status, _, _ = site.get("/none", data=b"{}", Cookie=site.cookie(), Origin="http://evil.example")
     assert status == 403
     assert any("evil.example" in note for note in _notes(site))
@@ -129,7 +129,7 @@ def _notes(site):
 
 @pytest.mark.real_time
 @pytest.mark.parametrize("case", ["no cookie", "wrong cookie", "cross origin", "no origin"])
-def test_sockets_of_strangers_are_refused_and_noted(site, case):
+def test_unauthorised_sockets_are_rejected_and_logged(site, case):
     async def attempt():
         cookie = {"no cookie": "", "wrong cookie": "trimtab_1=x"}.get(case, site.cookie())
         origin = {"cross origin": "http://evil.example", "no origin": "null"}.get(case)
@@ -142,7 +142,7 @@ def test_sockets_of_strangers_are_refused_and_noted(site, case):
 
 
 @pytest.mark.real_time
-def test_rows_status_and_events_come(site):
+def test_page_receives_rows_status_and_events(site):
     async def look():
         async with site.connect() as page:
             hello = (await _collect(page, ["hello"]))["hello"][0]
@@ -162,7 +162,7 @@ def test_rows_status_and_events_come(site):
 
 
 @pytest.mark.real_time
-def test_wishes_reach_the_flight_and_answers_the_page_that_wished(site):
+def test_requests_reach_the_flight_and_only_the_sender_is_answered(site):
     async def wish():
         async with site.connect() as page, site.connect() as other:
             await page.send(json.dumps({"type": "set", "path": GAIN["path"], "slot": 0, "value": 2.0, "id": 5}))
@@ -182,7 +182,7 @@ def test_wishes_reach_the_flight_and_answers_the_page_that_wished(site):
 
 
 @pytest.mark.real_time
-def test_one_page_has_the_stick_and_its_silence_is_not_made_up_for(site):
+def test_only_one_page_holds_the_stick_and_no_release_is_faked(site):
     async def steer():
         async with site.connect() as second:
             async with site.connect() as first:
@@ -208,8 +208,8 @@ def test_one_page_has_the_stick_and_its_silence_is_not_made_up_for(site):
 
 
 @pytest.mark.real_time
-def test_a_page_that_hangs_with_the_stick_does_not_keep_it(site):
-    """The flight's dead man has ended the flight by then."""
+def test_frozen_page_loses_the_stick(site):
+    """By then, the dead man's switch has ended the flight."""
 
     async def take():
         async with site.connect() as first, site.connect() as second:
@@ -229,7 +229,7 @@ def test_a_page_that_hangs_with_the_stick_does_not_keep_it(site):
 
 
 @pytest.mark.real_time
-def test_observers_see_and_are_not_heard(site):
+def test_observers_receive_rows_but_cannot_command(site):
     async def look():
         async with site.connect(site.cookie(site.console.observer)) as page:
             assert (await _collect(page, ["hello"]))["hello"][0]["role"] == "observer"
@@ -247,7 +247,7 @@ HOSTILE = {
     "a message of 10 MB": "x" * 10_000_000,
     "binary": b"\x00\xff" * 100,
     "an unknown type": '{"type": "note", "text": "in the log"}',
-    "a value that is no number": '{"type": "set", "path": "a", "slot": 0, "value": NaN, "id": 1}',
+    "nan value": '{"type": "set", "path": "a", "slot": 0, "value": NaN, "id": 1}',
     "a flood": ['{"type": "ping", "sent": 1}'] * 2000,
 }
 
@@ -260,7 +260,7 @@ async def _send_and_listen(page, packets):
 
 @pytest.mark.real_time
 @pytest.mark.parametrize("case", HOSTILE)
-def test_hostile_pages_are_closed_and_noted_and_the_others_go_on(site, case):
+def test_hostile_pages_are_closed_and_other_pages_continue(site, case):
     async def attack():
         async with site.connect() as good, site.connect() as bad:
             with pytest.raises(ConnectionClosed):
@@ -274,8 +274,8 @@ def test_hostile_pages_are_closed_and_noted_and_the_others_go_on(site, case):
 
 
 @pytest.mark.real_time
-def test_a_slow_page_misses_rows_and_gets_the_newest(site):
-    """It reads nothing for seconds, over a socket that holds little; others get every row meanwhile."""
+def test_slow_page_skips_rows_and_gets_the_newest(site):
+    """The slow page reads nothing for seconds over a small socket buffer; other pages get every row meanwhile."""
 
     async def crawl():
         async with site.connect() as good, site.connect() as slow:
@@ -300,7 +300,7 @@ def test_a_slow_page_misses_rows_and_gets_the_newest(site):
 
 
 @pytest.mark.real_time
-def test_alarms_are_shown_acknowledged_and_noted_for_the_log(site):
+def test_alarms_are_shown_acknowledged_and_logged(site):
     async def alarm():
         async with site.connect() as page:
             site.flight.send_row(supervisor__mode=4.0, supervisor__cause=9.0)
@@ -318,7 +318,7 @@ def test_alarms_are_shown_acknowledged_and_noted_for_the_log(site):
 
 
 @pytest.mark.real_time
-def test_it_ends_with_the_flight_and_says_so():
+def test_page_is_notified_when_the_flight_ends():
     with open_console(ConsoleAddress(), lambda line: HELLO) as console:
         site = Site(console)
 
@@ -332,8 +332,8 @@ def test_it_ends_with_the_flight_and_says_so():
 
 
 @pytest.mark.real_time
-def test_a_page_that_is_not_there_keeps_no_flight_waiting(site):
-    """A stopped server: sending rows takes no time, and what it has no room for is dropped."""
+def test_stopped_server_does_not_block_the_flight(site):
+    """With a stopped server, sending rows takes no time, and rows beyond its buffer are dropped."""
     began = time.monotonic()
     for _ in range(3000):
         site.flight.send_row()
@@ -341,13 +341,13 @@ def test_a_page_that_is_not_there_keeps_no_flight_waiting(site):
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.4.1", "::"])
-def test_beyond_this_machine_it_demands_tls(host):
+def test_non_local_host_requires_tls(host):
     with pytest.raises(InputError, match='certificate="FILE" private_key="FILE"'):
         ConsoleAddress(host=host).check()
 
 
 @pytest.mark.real_time
-def test_a_port_that_is_taken_is_refused():
+def test_rejects_a_port_in_use():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

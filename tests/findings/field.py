@@ -248,7 +248,7 @@ FINDINGS = [
         "particle filter with rejected ranges",
         "valid at 76 m off",
         lambda: run_tests(
-            "studies/test_ranges2009_particle.py::test_rejected_ranges_make_the_estimate_invalid_until_ranges_fit_again"
+            "studies/test_ranges2009_particle.py::test_estimate_is_invalid_while_ranges_are_rejected"
         ),
     ),
     Finding("B5", "to_euler in float32 at pitch pi/2", "rotation off by 0.17 rad", euler_angles_in_single_precision),

@@ -152,13 +152,13 @@ FINDINGS = [
         "L13",
         "log that lacks one message of one topic",
         "2 999 rows of two instants",
-        partial(run_tests, "logs/test_mcap.py::test_a_log_that_lacks_one_message_has_no_rows_of_two_instants"),
+        partial(run_tests, "logs/test_mcap.py::test_missing_message_drops_its_row_without_mixing_instants"),
     ),
     Finding(
         "L14",
         "one wrong bit, or a page of zeros, in a log",
         "nothing can be read",
-        partial(run_tests, "logs/test_mcap.py::test_damage_costs_its_chunk_and_is_named"),
+        partial(run_tests, "logs/test_mcap.py::test_damage_loses_only_its_chunk_and_is_reported"),
     ),
     Finding(
         "L15",

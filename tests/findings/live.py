@@ -168,8 +168,8 @@ FINDINGS = [
         "31 s late; exit 0; no word; 39 s more lead a restart",
         partial(
             run_tests,
-            "logs/test_stream.py::test_a_stopped_writer_delays_the_end_by_its_limit",
-            "logs/test_stream.py::test_a_log_that_was_deleted_says_so",
+            "logs/test_stream.py::test_stopped_writer_delays_closing_by_at_most_its_limit",
+            "logs/test_stream.py::test_deleted_log_is_reported_at_close",
             "flight/mavlink/test_endpoint.py::test_unstorable_stamps_are_reported_as_a_problem",
             "flight/mavlink/test_stamps.py::test_restarts_do_not_add_up_to_a_large_lead",
         ),

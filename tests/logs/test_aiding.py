@@ -56,7 +56,7 @@ def aided(n, **used):
         ({"heading": 400}, set()),  # such a log doesn't say what became of positions
     ],
 )
-def test_states_that_nothing_aids_are_left_out_everywhere(used, alone):
+def test_unaided_states_are_excluded_from_assessment(used, alone):
     log = aided(400, **used)
     assert unaided_states(log) == alone
     assert set(state_series(log)) == set(STATES) - alone
@@ -65,8 +65,8 @@ def test_states_that_nothing_aids_are_left_out_everywhere(used, alone):
     assert ("position" in found.errors, "heading" in found.errors) == ("north" not in alone, "heading" not in alone)
 
 
-def test_without_a_valid_estimate_nothing_is_called_unaided():
-    """The aid that was wanted may just not have come: an error budget takes such a run as infinitely wrong."""
+def test_no_state_is_unaided_without_a_valid_estimate():
+    """The aiding may not have started yet; an error budget counts such a run as infinitely wrong."""
     log = aided(400, heading=400, position=0)
     never = Log(t=log.t, ticks=log.ticks, signals={**log.signals, "estimate.valid": np.zeros(400, bool)})
     assert unaided_states(never) == frozenset()
@@ -74,7 +74,7 @@ def test_without_a_valid_estimate_nothing_is_called_unaided():
     assert "north" in state_series(never)
 
 
-def test_bounds_are_those_of_the_rows_that_are_left():
+def test_excluding_states_narrows_the_bonferroni_bounds():
     """Bonferroni over five rows, not eight: the same errors get narrower bounds."""
     n = 400
     few, all_ = (assess_navigation(aided(n, heading=n, position=used)) for used in (0, n))
@@ -128,7 +128,7 @@ def test_each_range_is_an_update_of_one_degree_of_freedom(ranged):
     assert found.normalised_innovations.shape == (len(nis), 1)
 
 
-def test_pings_between_two_rows_are_counted_as_unseen(ranged):
+def test_updates_between_log_rows_are_counted_as_missed(ranged):
     _, _, log = ranged
     few = slice(None, None, 15)
     coarse = Log(t=log.t[few], ticks=log.ticks[few], signals={p: log[p][few] for p in log.paths})

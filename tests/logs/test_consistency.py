@@ -1,4 +1,4 @@
-"""Verdicts on sequences whose statistics are known."""
+"""Consistency verdicts on sequences with known statistics."""
 
 import numpy as np
 import pytest
@@ -20,27 +20,27 @@ from trimtab.logs.consistency import (
 )
 
 
-def test_bounds_are_those_of_the_literature():
+def test_chi_square_bounds_match_the_literature():
     """[4] section 5.4.2: 50 runs of two states, 95 %: 1.5 to 2.6 (74.2 and 129.6 over 50)."""
     assert chi_square_bounds(2, 50) == pytest.approx((74.22 / 50, 129.56 / 50), abs=1e-3)
     low, high = chi_square_bounds(8, 500)
     assert 7.6 < low < 8 < high < 8.4
 
 
-def test_bounds_hold_as_often_as_they_say():
+def test_chi_square_bounds_have_the_stated_coverage():
     g = np.random.default_rng(0)
     means = g.chisquare(3, (4000, 20)).mean(axis=1)
     low, high = chi_square_bounds(3, 20, 0.9)
     assert np.mean((means >= low) & (means <= high)) == pytest.approx(0.9, abs=0.015)
 
 
-def test_the_gate_is_the_quantile():
+def test_gate_threshold_equals_the_chi_square_quantile():
     assert gate_threshold(1, 0.9999) == pytest.approx(15.137, abs=1e-3)
     assert gate_threshold(2, 0.9999) == pytest.approx(-2 * np.log(1e-4), rel=1e-12)
 
 
 @pytest.mark.parametrize(("scale", "verdict"), [(1.0, CONSISTENT), (1.5, OPTIMISTIC), (0.6, PESSIMISTIC)])
-def test_verdicts(scale, verdict):
+def test_nees_and_nis_verdicts_match_the_error_scale(scale, verdict):
     g = np.random.default_rng(1)
     nees = scale * g.chisquare(8, (100, 60))
     found = nees_verdict(nees, 8)
@@ -52,7 +52,7 @@ def test_verdicts(scale, verdict):
     assert nis_verdict(scale * g.chisquare(2, (20, 50)), 2).verdict == verdict
 
 
-def test_white_innovations_are_white_and_others_not():
+def test_whiteness_test_detects_correlated_innovations():
     g = np.random.default_rng(2)
     white = g.standard_normal((800, 2))
     found = whiteness(white)
@@ -68,7 +68,7 @@ def test_white_innovations_are_white_and_others_not():
 
 
 @pytest.mark.parametrize("m", [1, 2])
-def test_the_statistic_is_that_of_the_source(m):
+def test_whiteness_statistic_matches_the_ljung_box_formula(m):
     """[6]: N (N + 2) times the sum of rho_k² over the products in it, here of m innovations at each of n instants."""
     y = np.random.default_rng(5).standard_normal((9, m))
     found = whiteness(y, 4)
@@ -82,7 +82,7 @@ def test_the_statistic_is_that_of_the_source(m):
     assert found.p == pytest.approx(stats.chi2.sf(found.statistic, 4), rel=1e-9)
 
 
-def test_the_whiteness_test_is_wrong_as_rarely_as_it_says():
+def test_whiteness_test_has_the_stated_false_alarm_rate():
     g = np.random.default_rng(3)
     p = [whiteness(g.standard_normal(200), 10).p for _ in range(600)]
     assert np.mean(np.array(p) < 0.05) == pytest.approx(0.05, abs=0.025)
@@ -91,7 +91,7 @@ def test_the_whiteness_test_is_wrong_as_rarely_as_it_says():
     assert stats.kstest(p, "uniform").pvalue > 1e-3
 
 
-def test_convergence_of_a_bias():
+def test_bias_convergence_time_and_final_sigma():
     t = np.arange(100.0)
     sigma = np.exp(-t / 20)
     found = convergence(t, 0.5 * sigma, sigma, 0.1)
@@ -113,13 +113,13 @@ def test_convergence_of_a_bias():
         lambda: whiteness(np.ones(10), 10),
     ],
 )
-def test_what_cannot_be_judged_is_refused(call):
+def test_invalid_arguments_are_rejected(call):
     with pytest.raises(InputError):
         call()
 
 
-def test_draws_of_white_and_of_lasting_errors():
-    """A first-order sequence: its squares are worth n (1 - a²)/(1 + a²) draws; a constant about one."""
+def test_effective_draws_match_first_order_correlation():
+    """The squares of a first-order sequence are worth n (1 - a²)/(1 + a²) draws; those of a constant about one."""
     g, n = np.random.default_rng(0), 4000
     for a in (0.0, 0.5, 0.9, 0.97):
         z, noise = np.zeros((n, 20)), g.standard_normal((n, 20))
@@ -129,8 +129,8 @@ def test_draws_of_white_and_of_lasting_errors():
     assert 0.9 < effective_draws(np.full((500, 1), 0.3))[0] < 2
 
 
-def test_zeros_are_one_draw_and_decide_nothing():
-    """Innovations that are all exactly 0: no correlation can be taken, and bounds are still numbers."""
+def test_all_zero_innovations_give_an_undecided_verdict():
+    """All innovations are exactly 0: no correlation can be computed, but the bounds stay finite."""
     z = np.stack([np.zeros(500), np.random.default_rng(0).standard_normal(500)], axis=1)
     draws = effective_draws(z)
     assert draws[0] == 1.0
@@ -150,7 +150,7 @@ def first_order(a, n, runs, seed=0):
     return z
 
 
-def test_interval_of_the_factor_holds_it_as_often_as_it_says():
+def test_factor_interval_has_the_stated_coverage():
     """95 % of 400 runs, each worth about 50 draws of the thousand samples it has; binomial spread 1.1 %."""
     z = first_order(0.95, 1000, 400)
     inside = [
@@ -160,7 +160,7 @@ def test_interval_of_the_factor_holds_it_as_often_as_it_says():
     assert np.mean(inside) >= 0.92
 
 
-def test_bounds_are_those_of_chi_square_and_verdicts_follow():
+def test_average_bounds_match_chi_square_and_set_the_verdict():
     low, high = stats.chi2.ppf([0.025, 0.975], 100) / 50
     for mean, verdict in ((2.0, "consistent"), (8.0, "optimistic"), (0.5, "pessimistic"), (2.4 * 1.2, "consistent")):
         one = assess_average(mean, np.full(2, 50.0), 2, 0.025)
@@ -170,7 +170,7 @@ def test_bounds_are_those_of_chi_square_and_verdicts_follow():
         assert one.verdict == verdict
 
 
-def test_few_draws_can_only_say_too_large():
+def test_few_draws_can_only_give_an_optimistic_verdict():
     assert assess_average(1e-3, np.full(1, 5.0), 1, 0.025).verdict == "undecided"
     assert assess_average(1.0, np.full(1, 5.0), 1, 0.025).verdict == "undecided"
     assert assess_average(20.0, np.full(1, 5.0), 1, 0.025).verdict == "optimistic"

@@ -29,7 +29,7 @@ HEADINGS = {
 
 
 @pytest.mark.parametrize("heading", HEADINGS)
-def test_index_is_part_of_the_name_and_other_brackets_are_a_unit(heading):
+def test_heading_brackets_are_read_as_index_or_unit(heading):
     assert split_heading(heading) == HEADINGS[heading]
 
 
@@ -59,11 +59,11 @@ TIMES = {
 
 
 @pytest.mark.parametrize("name", TIMES)
-def test_names_of_times_and_their_units(name):
+def test_time_unit_is_read_from_the_column_name(name):
     assert time_unit(name) == TIMES[name]
 
 
-def test_lines_are_counted_with_comments_and_blank_lines(read):
+def test_line_numbers_count_comments_and_blank_lines(read):
     table = read('# made by a logger\n\n"t", "x, y" [m],note\n"0", "1.5","a, b"\n\n# pause\n1,2,c\n')
     assert [(c.name, c.unit) for c in table.columns] == [("t", ""), ("x, y", "m"), ("note", "")]
     assert table.lines == [4, 7]
@@ -71,13 +71,13 @@ def test_lines_are_counted_with_comments_and_blank_lines(read):
     assert table.columns[2].problem == "line 4, column 'note': 'a, b' is not a number"
 
 
-def test_names_in_the_last_comment_before_numbers(read):
+def test_column_names_are_read_from_the_last_comment(read):
     table = read("# of savetxt\n# t, x\n0,1\n1,2\n")
     assert [c.name for c in table.columns] == ["t", "x"]
     np.testing.assert_array_equal(table.columns[1].values, [1, 2])
 
 
-def test_text_empty_and_infinite_cells_are_named_by_line_and_column(read):
+def test_invalid_cells_are_reported_by_line_and_column(read):
     text = "t,a,b,c\n0,1,2,3\n1,,inf,on\n"
     assert [c.problem for c in read(text).columns] == [
         "",
@@ -90,7 +90,7 @@ def test_text_empty_and_infinite_cells_are_named_by_line_and_column(read):
     assert [bool(c.problem) for c in with_gaps.columns] == [False, False, False, True]
 
 
-def test_whole_times_stay_exact(read):
+def test_integer_times_stay_exact(read):
     first = 1_600_000_000_123_456_789
     times = read(f"%time,x\n{first},0\n{first + 100},1\n").columns[0].values
     assert times.dtype == np.int64
@@ -103,14 +103,14 @@ WRONG = {
     "rows of other lengths": ("t,x\n\n0,1\n1\n", "line 4 has 1 columns, but there are 2 names"),
     "decimal commas": ("t,x\n0,5,1,5\n", "decimal commas"),
     "semicolons": ("#\nt;x\n0;1\n", "line 2 has semicolons"),
-    "names alone": ("t,x\n", "has no rows"),
-    "comments alone": ("# t,x\n", "has no rows"),
-    "nothing": ("", "has no rows"),
+    "heading only": ("t,x\n", "has no rows"),
+    "comments only": ("# t,x\n", "has no rows"),
+    "empty text": ("", "has no rows"),
 }
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_refused_tables(read, name):
+def test_invalid_tables_are_rejected(read, name):
     text, problem = WRONG[name]
     with pytest.raises(InputError, match=problem):
         read(text)

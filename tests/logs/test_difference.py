@@ -1,4 +1,4 @@
-"""Two logs held against each other, by a comparison written the plain way."""
+"""Differences of two logs, checked by a plain comparison."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ def make_log(ticks, **signals):
     return Log(t=to_seconds(ticks), ticks=ticks, signals={f"truth.{name}": x for name, x in signals.items()})
 
 
-def test_equal_logs_are_equal_and_a_nan_is_equal_to_a_nan():
+def test_identical_logs_with_nan_compare_equal():
     t = np.arange(5) * ms(10)
     x = np.array([0, 1, np.nan, 3, 4])
     difference = find_difference(make_log(t, x=x), make_log(t, x=x))
@@ -21,7 +21,7 @@ def test_equal_logs_are_equal_and_a_nan_is_equal_to_a_nan():
     assert (difference.instants, difference.compared) == (5, 1)
 
 
-def test_the_first_and_the_largest_difference_are_those_of_a_plain_search():
+def test_first_and_largest_differences_match_a_plain_search():
     rng = np.random.default_rng(0)
     t = np.arange(200) * ms(10)
     a, v = rng.normal(size=200), rng.normal(size=(200, 3))
@@ -35,7 +35,7 @@ def test_the_first_and_the_largest_difference_are_those_of_a_plain_search():
     assert found["truth.a"].largest == pytest.approx(5.0)
 
 
-def test_instants_and_signals_that_both_have_are_compared():
+def test_only_common_instants_and_signals_are_compared():
     one = make_log(np.arange(0, 100, 2) * ms(1), x=np.arange(50.0), only=np.zeros(50))
     other = make_log(np.arange(0, 100, 5) * ms(1), x=np.arange(20.0) * 2.5)
     difference = find_difference(one, other)
@@ -43,7 +43,7 @@ def test_instants_and_signals_that_both_have_are_compared():
     assert (difference.instants, difference.only_one, difference.only_other) == (10, ("truth.only",), ())
 
 
-def test_nothing_in_common_is_refused():
+def test_rejects_logs_without_common_signals_or_instants():
     t = np.arange(5) * ms(10)
     with pytest.raises(InputError, match="no signal in common"):
         find_difference(make_log(t, x=np.zeros(5)), make_log(t, y=np.zeros(5)))

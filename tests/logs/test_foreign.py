@@ -1,4 +1,4 @@
-"""`trimtab replay` over logs of other systems: estimators of the catalogue, and what it says without a mapping."""
+"""`trimtab replay` over logs of other systems: estimators of the catalogue, and errors without a mapping."""
 
 import json
 from pathlib import Path
@@ -42,8 +42,8 @@ heading = {from = "Yaw", unwrap = true}
 
 
 @pytest.mark.thorough
-def test_an_estimator_of_the_catalogue_goes_over_a_public_log(tmp_path):
-    """A quadrotor that turns by most of a circle: with the gyro's axis turned over the filter says so."""
+def test_catalogue_estimator_replays_a_public_log(tmp_path):
+    """A quadrotor turns by most of a circle; with a reversed gyro axis, the filter's NIS shows it."""
     scenario = ("--scenario", "navigation/platform-square-wave", "--set", "compensated=no", "--json")
     found = {}
     for name, sign in {"right": "sign = 1", "wrong": "sign = [1, 1, -1]"}.items():
@@ -60,7 +60,7 @@ def test_an_estimator_of_the_catalogue_goes_over_a_public_log(tmp_path):
     assert found["right"]["errors"]["heading"] < 3 * DEG
 
 
-def test_a_foreign_log_without_a_mapping_is_listed(ulog):
+def test_foreign_log_without_mapping_lists_its_topics(ulog):
     done = call(ulog)
     assert done.exit_code == 2
     assert "sensor_gyro[1]" in done.stdout
@@ -78,7 +78,7 @@ def test_a_foreign_log_without_a_mapping_is_listed(ulog):
         (("--estimator", "a:b", "--scenario", "hovercraft/forward"), "exclude each other"),
     ],
 )
-def test_options_that_do_not_go_together_are_refused(bins, tmp_path, words, said):
+def test_rejects_incompatible_options(bins, tmp_path, words, said):
     file = tmp_path / "map.toml"
     text = '[sensor.imu]\ntopic = "IMU"\nwhere = {I = 0}\n[sensor.imu.fields]\n'
     file.write_text(text + 'angular_rate = {from = ["GyrX", "GyrY", "GyrZ"], unit = "rad/s"}\n')
@@ -87,7 +87,7 @@ def test_options_that_do_not_go_together_are_refused(bins, tmp_path, words, said
     assert said in done.stderr
 
 
-def test_a_field_that_the_estimator_reads_is_named(bins, tmp_path):
+def test_error_names_a_missing_field_of_the_estimator(bins, tmp_path):
     file = tmp_path / "map.toml"
     text = COPTER_MAP.replace(", SIGN", "").replace("gyro_saturated = {constant = false}\n", "")
     file.write_text(text)
@@ -105,8 +105,8 @@ UNITS = {
 
 
 @pytest.mark.thorough
-def test_a_hovercraft_recorded_elsewhere_flies_through_its_own_navigation(tmp_path):
-    """What a simulation sensed, as a CSV file in other units: the INS of hovercraft/forward finds the same way."""
+def test_csv_recording_replays_through_hovercraft_ins(tmp_path):
+    """Simulated measurements as a CSV file in other units: the INS of hovercraft/forward finds the same path."""
     scenario, _ = catalogue.load_scenario("hovercraft/forward", {"navigation": "ins"})
     log = simulate(scenario, seed=1, duration=ms(3000), log_period=scenario.autopilot.period, backend="jax")
     heads, columns, lines = ["time [ms]", "north"], [log.t * 1e3, log["truth.north"]], []

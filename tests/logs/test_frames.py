@@ -1,4 +1,4 @@
-"""Messages for maps and 3-D scenes: as Foxglove's schemas want them, where the vehicle is, and how many."""
+"""Messages for maps and 3-D scenes: Foxglove's schemas, poses of the vehicle, and their number."""
 
 import json
 
@@ -70,7 +70,7 @@ def log(tmp_path_factory):
 
 
 @pytest.mark.thorough
-def test_each_fits_its_own_schema_and_has_what_the_published_one_requires(log):
+def test_messages_satisfy_own_and_published_foxglove_schemas(log):
     found = messages(log)
     for topic, title in TOPICS.items():
         for time, schema, message in found[topic]:
@@ -90,7 +90,7 @@ def test_each_fits_its_own_schema_and_has_what_the_published_one_requires(log):
 
 
 @pytest.mark.thorough
-def test_poses_are_thinned_out_and_stand_at_the_time_of_day(log):
+def test_poses_are_thinned_and_stamped_with_wall_clock_time(log):
     found = messages(log)
     (world, *moves) = found["/tf"]
     assert (world[2]["parent_frame_id"], world[2]["child_frame_id"]) == ("map", "world")
@@ -103,7 +103,7 @@ def test_poses_are_thinned_out_and_stand_at_the_time_of_day(log):
     assert last["altitude"] == 2820.0
 
 
-def test_the_rows_read_as_ever_and_their_clock_is_known(log):
+def test_rows_and_epoch_are_read_back_beside_frames(log):
     read = read_mcap(log)
     assert read.ticks.tolist() == [k * ms(1) for k in range(3000)]
     assert (read["truth.x"] == 0.5 * np.arange(3000)).all()
@@ -114,7 +114,7 @@ def test_the_rows_read_as_ever_and_their_clock_is_known(log):
     assert messages(log)["/truth"][7][0] == EPOCH + 7_000_000
 
 
-def test_a_log_that_is_cut_keeps_its_clock(log, tmp_path):
+def test_truncated_log_keeps_its_epoch(log, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(log.read_bytes()[: log.stat().st_size * 2 // 3])
     read = read_mcap(cut)
@@ -122,18 +122,18 @@ def test_a_log_that_is_cut_keeps_its_clock(log, tmp_path):
     assert read.ticks.tolist() == [k * ms(1) for k in range(len(read))]
 
 
-def test_without_an_origin_there_is_a_scene_and_no_map(tmp_path):
+def test_log_without_origin_has_poses_but_no_location(tmp_path):
     found = messages(write(tmp_path, 200, place=False))
     assert "/location" not in found
     assert len(found["/tf"]) == 5
 
 
-def test_what_is_not_known_is_not_told():
+def test_nan_poses_give_no_messages():
     writer = FrameWriter("vehicle")
     assert writer.messages(np.array([0, seconds(1)]), np.full((2, POSE_COLUMNS), np.nan), 0) == []
 
 
-def test_it_turns_as_scipy_turns_and_the_map_has_east_first_and_up():
+def test_quaternions_match_scipy_and_map_frame_is_enu():
     from scipy.spatial.transform import Rotation
 
     attitude = (0.3, -0.4, 2.0)
@@ -146,8 +146,8 @@ def test_it_turns_as_scipy_turns_and_the_map_has_east_first_and_up():
 
 
 @pytest.mark.thorough
-def test_they_cost_little(tmp_path):
-    """Beside rows of a hundred numbers that change."""
+def test_frame_messages_add_under_two_percent_to_file_size(tmp_path):
+    """The comparison is a log with rows of a hundred changing numbers."""
     sizes, rng = [], np.random.default_rng(1)
     names = [(f"truth.n{k}", (), np.float64, None) for k in range(100)]
     walk = np.cumsum(rng.standard_normal((2000, 100)), axis=0)
@@ -166,7 +166,7 @@ def test_they_cost_little(tmp_path):
     assert sizes[1] < 1.02 * sizes[0]
 
 
-def test_angles_of_a_quaternion_and_back():
+def test_quaternion_to_euler_round_trip():
     for q in np.random.default_rng(5).normal(size=(20, 4)):
         again = np.array(quaternion(roll_pitch_yaw(q)))
         assert abs(again @ q) == pytest.approx(np.linalg.norm(q), rel=1e-9)
@@ -175,7 +175,7 @@ def test_angles_of_a_quaternion_and_back():
 
 
 @pytest.mark.thorough
-def test_a_simulated_flight_in_space_has_its_poses(tmp_path):
+def test_simulated_spatial_flight_has_matching_poses(tmp_path):
     log = simulate(hover(), log_period=ms(10), backend="jax")
     found = messages(write_mcap(log, tmp_path / "run.mcap"))
     (first, _, fixed), *moving = found["/tf"]
@@ -195,7 +195,7 @@ def test_a_simulated_flight_in_space_has_its_poses(tmp_path):
 
 
 @pytest.mark.thorough
-def test_over_the_turning_earth_it_has_its_place_on_the_map(tmp_path):
+def test_rotating_earth_flight_has_its_geodetic_location(tmp_path):
     start = BODY.start(
         0.7, -1.1, 2e3, velocity=[100.0, 50, 0], angles=[0.1, 0.2, 0.3], rate=[0, 0, 0], over_ground=True
     )
@@ -215,7 +215,7 @@ def test_over_the_turning_earth_it_has_its_place_on_the_map(tmp_path):
     assert abs(want @ [pose["rotation"][n] for n in "wxyz"]) == pytest.approx(1, abs=1e-6)
 
 
-def test_a_state_with_angles_as_numbers_has_its_poses_too(tmp_path):
+def test_scalar_euler_angles_give_poses(tmp_path):
     t = to_seconds(np.array([0]))
     numbers = {"roll": 0.1, "pitch": -0.2, "yaw": 0.3, "north": 4.0, "east": 5.0, "altitude": 60.0}
     log = Log(t, np.array([0]), {f"truth.{n}": np.array([x]) for n, x in numbers.items()})

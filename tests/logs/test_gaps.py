@@ -1,4 +1,4 @@
-"""Rows joined by time, and words about what is missing."""
+"""Rows joined by time, and descriptions of gaps."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from trimtab.logs.gaps import describe_gaps, join_by_time
 MS = 1_000_000
 
 
-def test_topics_with_the_same_times_are_rows_as_they_are():
+def test_topics_with_equal_times_are_joined_unchanged():
     joined = join_by_time({"a": [1, 2, 3], "b": [1, 2, 3]})
     assert joined.times.tolist() == [1, 2, 3]
     assert joined.places["b"].tolist() == [0, 1, 2]
@@ -20,7 +20,7 @@ def test_topics_with_the_same_times_are_rows_as_they_are():
 
 @settings(max_examples=50)
 @given(st.lists(st.sets(st.integers(0, 30), max_size=25), min_size=1, max_size=4), st.randoms())
-def test_rows_are_the_common_times_and_each_message_is_of_its_row(sets, random):
+def test_joined_rows_contain_only_the_common_times(sets, random):
     columns = {}
     for k, times in enumerate(sets):
         columns[str(k)] = random.sample(sorted(times), len(times))
@@ -35,14 +35,14 @@ def test_rows_are_the_common_times_and_each_message_is_of_its_row(sets, random):
         assert joined.missing.tolist() == sorted(t for t in set.union(*sets) - set(common) if t < common[-1])
 
 
-def test_words_name_the_instants_on_both_sides_of_a_damaged_part():
+def test_gap_text_names_instants_around_the_damage():
     joined = join_by_time({"a": [k * MS for k in (0, 1, 2, 3, 9)], "b": [k * MS for k in (0, 1, 2, 8, 9)]})
     (gap,) = describe_gaps([Damage("a chunk is damaged: CRC", 3 * MS)], joined, 0)
     assert gap["after_s"] == pytest.approx(0.002)
     assert gap["text"] == "instants after 0.002 s before 0.009 s are missing: a chunk is damaged: CRC"
 
 
-def test_words_for_instants_that_lack_a_message():
+def test_gap_text_counts_instants_with_missing_messages():
     joined = join_by_time({"a": [0, MS, 2 * MS, 3 * MS, 5 * MS], "b": [0, 3 * MS, 5 * MS]})
     (gap,) = describe_gaps([], joined, 0)
     assert gap["after_s"] == 0.0
@@ -52,7 +52,7 @@ def test_words_for_instants_that_lack_a_message():
 @pytest.mark.parametrize(
     ("after", "words"), [(None, "from the start before 0 s"), (9 * MS, "after 0.009 s to the end")]
 )
-def test_a_damaged_part_at_an_end_of_the_file(after, words):
+def test_gap_text_for_damage_at_file_start_or_end(after, words):
     joined = join_by_time({"a": np.arange(10) * MS})
     (gap,) = describe_gaps([Damage("why", after)], joined, 0)
     assert words in gap["text"]

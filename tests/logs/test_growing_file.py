@@ -1,4 +1,4 @@
-"""A file that grows by whole chunks: after an error it is as it was, and what follows is sound."""
+"""A file that grows by whole chunks: an error leaves it unchanged, and later chunks are valid."""
 
 import errno
 import os
@@ -26,7 +26,7 @@ def made(tmp_path):
 
 
 @pytest.mark.parametrize("allowed", [0, 1, 30])
-def test_what_does_not_fit_leaves_no_trace(made, monkeypatch, allowed):
+def test_failed_write_leaves_the_file_unchanged(made, monkeypatch, allowed):
     path, file = made
     file.write(messages(0))
     before, write = path.read_bytes(), os.pwrite
@@ -58,7 +58,7 @@ def test_what_does_not_fit_leaves_no_trace(made, monkeypatch, allowed):
     assert contents.times["/law"] == [*range(10), *range(2000, 2010)]
 
 
-def test_a_chunk_whose_sum_is_wrong_is_damage_at_its_place_and_the_end_of_a_cut_file(made):
+def test_chunk_with_wrong_crc_is_damage_or_truncation(made):
     path, file = made
     for k in range(3):
         file.write(messages(k))
@@ -73,8 +73,8 @@ def test_a_chunk_whose_sum_is_wrong_is_damage_at_its_place_and_the_end_of_a_cut_
     assert len(cut.texts["/law"]) in (20, 30)
 
 
-def test_nothing_but_whole_messages_comes_out_of_a_cut_chunk(made):
-    """Of a chunk that is not compressed all messages before the cut are there."""
+def test_cut_chunk_gives_only_complete_messages(made):
+    """An uncompressed chunk keeps all messages before the cut."""
     path, file = made
     file.write(messages(0))
     data = path.read_bytes()

@@ -1,4 +1,4 @@
-"""The layout for Foxglove that the docs ship shows topics that logs have, in panels that are laid out."""
+"""The Foxglove layout in the docs shows topics of our logs in configured panels."""
 
 import json
 from pathlib import Path
@@ -13,7 +13,7 @@ def panels(node):
     return [node] if isinstance(node, str) else panels(node["first"]) + panels(node["second"])
 
 
-def test_every_panel_is_configured_and_shows_what_there_is():
+def test_every_panel_is_configured_and_shows_existing_topics():
     layout = json.loads(LAYOUT.read_text())
     configured = layout["configById"]
     assert sorted(panels(layout["layout"])) == sorted(configured)

@@ -37,7 +37,7 @@ def small(n: int = 5, **changes) -> Log:
     return Log(**(parts | changes))
 
 
-def test_signals_come_back_in_their_own_type_and_order():
+def test_signals_keep_their_type_and_order():
     log = small()
     assert log.paths == ("truth.heading", "truth.p_WB", "law.mode", "uplink.fresh")
     assert len(log) == 5
@@ -48,7 +48,7 @@ def test_signals_come_back_in_their_own_type_and_order():
     np.testing.assert_array_equal(log.final["truth.p_WB"], [1, 2, 3])
 
 
-def test_a_log_is_immutable_and_owns_its_arrays():
+def test_log_is_immutable_and_owns_its_arrays():
     source = np.zeros(5)
     log = small(signals={"truth.heading": source})
     source[:] = 7
@@ -62,7 +62,7 @@ def test_a_log_is_immutable_and_owns_its_arrays():
         log.t = source  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def test_a_lazy_mapping_makes_each_value_when_it_is_read_once_and_lets_go():
+def test_lazy_mapping_computes_each_value_once_on_access():
     made = []
 
     class Rows:
@@ -91,7 +91,7 @@ def test_a_lazy_mapping_makes_each_value_when_it_is_read_once_and_lets_go():
         lazy["a"] = "x"  # pyright: ignore[reportIndexIssue]
 
 
-def test_a_lazy_mapping_gives_all_threads_the_same_values():
+def test_lazy_mapping_gives_all_threads_the_same_values():
     for _ in range(20):
         lazy = LazyMapping(dict.fromkeys(range(50)), lambda name: [name])
         with ThreadPoolExecutor(8) as pool:
@@ -99,7 +99,7 @@ def test_a_lazy_mapping_gives_all_threads_the_same_values():
         assert all(a is b for other in read for a, b in zip(read[0], other, strict=True))
 
 
-def test_t_is_exactly_the_ticks_in_seconds():
+def test_time_equals_the_ticks_in_seconds():
     ticks = np.array([0, 3, 65_536, 123_456_789])
     log = small(ticks=ticks, t=ticks / 1e7, signals={"truth.x": np.zeros(4)})
     assert log.ticks.dtype == np.int64
@@ -115,7 +115,7 @@ def test_t_is_exactly_the_ticks_in_seconds():
         ("zzz", "not in this log"),
     ],
 )
-def test_an_unknown_path_is_refused_with_the_closest(name, says):
+def test_unknown_path_error_lists_the_closest_paths(name, says):
     with pytest.raises(InputError, match=says) as refused:
         small()[name]
     assert refused.value.choices
@@ -124,7 +124,7 @@ def test_an_unknown_path_is_refused_with_the_closest(name, says):
         small().unit(name)
 
 
-def test_units():
+def test_unit_of_each_signal():
     log = small()
     assert [log.unit(p) for p in log.paths] == ["rad", "", "1", "1"]
 
@@ -163,12 +163,12 @@ def test_between_is_half_open_and_keeps_the_rest():
         ({"metadata": {3: 1}}, "not text"),
     ],
 )
-def test_what_is_not_a_log_is_refused(changes, says):
+def test_rejects_inconsistent_times_and_signals(changes, says):
     with pytest.raises(InputError, match=says):
         small(**changes)
 
 
-def test_metadata_becomes_plain_and_can_be_written():
+def test_metadata_is_converted_to_plain_json_types():
     mixed = {"a": (1, np.int64(2)), "b": np.arange(3.0), "c": np.bool_(True), "d": None, "e": np.str_("x")}
     log = small(metadata=mixed)
     assert dict(log.metadata) == {"a": [1, 2], "b": [0.0, 1.0, 2.0], "c": True, "d": None, "e": "x"}
@@ -177,7 +177,7 @@ def test_metadata_becomes_plain_and_can_be_written():
     assert type(to_plain("x", np.float64(1.5))) is float
 
 
-def test_copies_and_pickles():
+def test_log_survives_deepcopy_and_pickle():
     log = small()
     for other in (copy.deepcopy(log), pickle.loads(pickle.dumps(log))):
         assert other.paths == log.paths
@@ -186,7 +186,7 @@ def test_copies_and_pickles():
         np.testing.assert_array_equal(other["truth.p_WB"], log["truth.p_WB"])
 
 
-def test_repr_teaches():
+def test_repr_shows_signals_units_and_usage():
     text = repr(small())
     assert "hovercraft/spin: 5 samples, 0 to 0.004 s, 4 signals" in text
     assert "truth.heading [rad]" in text
@@ -195,7 +195,7 @@ def test_repr_teaches():
 
 
 @pytest.mark.thorough
-def test_to_xarray_carries_units_and_meaning():
+def test_to_xarray_keeps_units_and_descriptions():
     data = small().to_xarray()
     assert data["truth.heading"].dims == ("time",)
     assert data["truth.p_WB"].dims == ("time", "component_3")
@@ -209,7 +209,7 @@ def test_to_xarray_carries_units_and_meaning():
     assert float(data["truth.heading"].sel(time=0.003, method="nearest")) == 0.75
 
 
-def test_without_xarray_it_says_what_to_install(monkeypatch):
+def test_missing_xarray_error_names_the_install_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(InputError) as refused:
         small().to_xarray()
@@ -231,7 +231,7 @@ MEMBERS = {
 
 
 @pytest.mark.parametrize("name", MEMBERS)
-def test_a_missing_member_names_what_to_write(name):
+def test_unknown_attribute_error_suggests_a_replacement(name):
     log = small(metadata={"scenario": "own", "duration_s": 1.0})
     with pytest.raises(AttributeError, match="a Log has no") as refused:
         getattr(log, name)
@@ -246,20 +246,20 @@ def test_iterates_over_paths_and_completes_them():
 
 
 @pytest.mark.parametrize("index", [0, slice(0, 3), ["truth.heading"]])
-def test_refuses_an_index_that_is_not_a_path(index):
+def test_rejects_an_index_that_is_not_a_path(index):
     with pytest.raises(InputError, match="is read by its path") as refused:
         small()[index]
     assert "log.between(t0, t1)" in refused.value.fix
 
 
 @pytest.mark.parametrize("name", ["t", "time"])
-def test_time_is_an_attribute(name):
+def test_time_index_error_suggests_the_t_attribute(name):
     with pytest.raises(InputError, match="not in this log") as refused:
         small()[name]
     assert "log.t" in refused.value.fix
 
 
-def test_refuses_what_is_not_a_log():
+def test_check_log_rejects_other_objects():
     check_log(small(), "plot_run({})")
     for value, fix in (
         ("hovercraft/spin", "simulate('hovercraft/spin')"),

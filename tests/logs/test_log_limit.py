@@ -1,4 +1,4 @@
-"""A log has a limit: a vehicle's rolls on in numbered files, an autopilot's ends; nothing is lost before."""
+"""Size limit of a log: a vehicle's log rolls over into numbered files, an autopilot's log ends."""
 
 import os
 
@@ -40,7 +40,7 @@ def record(folder, chunks, limit):
     return path, summary, rows
 
 
-def test_it_goes_on_in_numbered_files_each_a_log_and_all_rows_are_there(tmp_path):
+def test_log_rolls_into_numbered_files_without_losing_rows(tmp_path):
     path, summary, rows = record(tmp_path, 20, LogLimit(4_000_000, rolls=True))
     files = list_files(path)
     assert [f.name for f in files[:3]] == ["vehicle.mcap", "vehicle-2.mcap", "vehicle-3.mcap"]
@@ -57,7 +57,7 @@ def test_it_goes_on_in_numbered_files_each_a_log_and_all_rows_are_there(tmp_path
 
 
 @pytest.mark.thorough
-def test_the_oldest_go_and_the_disk_keeps_its_room(tmp_path):
+def test_rolling_log_deletes_oldest_files_at_the_limit(tmp_path):
     limit = LogLimit(2_000_000, rolls=True)
     path, summary, rows = record(tmp_path, 60, limit)
     files = list_files(path)
@@ -70,7 +70,7 @@ def test_the_oldest_go_and_the_disk_keeps_its_room(tmp_path):
     assert (summary["rows"], summary["unwritten"]) == (len(rows), 0)
 
 
-def test_one_that_does_not_roll_ends_at_its_limit_and_counts_the_rest(tmp_path):
+def test_non_rolling_log_stops_at_limit_and_counts_unwritten_rows(tmp_path):
     path, summary, rows = record(tmp_path, 20, LogLimit(1_000_000, rolls=False))
     log = read_mcap(path)
     assert list_files(path) == [path]
@@ -81,7 +81,7 @@ def test_one_that_does_not_roll_ends_at_its_limit_and_counts_the_rest(tmp_path):
 
 
 @pytest.mark.thorough
-def test_what_a_minute_takes_counts_the_files_that_had_to_go(tmp_path):
+def test_size_per_minute_includes_deleted_files(tmp_path):
     """Rows of 1 ms: the whole log, less what stands in it once, against the same rows where the oldest files go."""
     (tmp_path / "whole").mkdir()
     (tmp_path / "rolled").mkdir()
@@ -95,7 +95,7 @@ def test_what_a_minute_takes_counts_the_files_that_had_to_go(tmp_path):
     assert record(tmp_path / "none", 0, LogLimit(2_000_000, rolls=True))[1]["minute_size"] is None
 
 
-def test_where_no_other_file_can_be_opened_it_goes_on_in_this_one(tmp_path):
+def test_log_continues_in_same_file_if_next_names_exist(tmp_path):
     for k in range(2, 40):
         (tmp_path / f"vehicle-{k}.mcap").write_bytes(b"another's")
     path, summary, rows = record(tmp_path, 10, LogLimit(4_000_000, rolls=True))
@@ -104,12 +104,12 @@ def test_where_no_other_file_can_be_opened_it_goes_on_in_this_one(tmp_path):
 
 
 @pytest.mark.parametrize(("text", "size"), [("2 GB", 2 * 10**9), ("1.5MB", 1_500_000), (" 5000 kB ", 5_000_000)])
-def test_sizes_are_read_and_written(text, size):
+def test_size_text_round_trip(text, size):
     assert parse_size(text) == size
     assert parse_size(format_size(size)) == size
 
 
 @pytest.mark.parametrize("text", ["", "2", "2 gb", "-1 MB", "nan MB", "900 kB", "2 GB more"])
-def test_what_is_no_size_is_refused(text):
+def test_rejects_invalid_log_size(text):
     with pytest.raises(InputError, match="log_limit"):
         parse_size(text)

@@ -77,13 +77,13 @@ def same(a: Log, b: Log) -> None:
         same_bits(np.asarray(value), np.asarray(b.final[path]))
 
 
-def test_a_log_comes_back_exactly(tmp_path):
+def test_log_round_trip_is_exact(tmp_path):
     log = made()
     assert write_mcap(log, tmp_path / "run.mcap") == tmp_path / "run.mcap"
     same(log, read_mcap(str(tmp_path / "run.mcap")))
 
 
-def test_an_empty_log_comes_back(tmp_path):
+def test_empty_log_round_trip(tmp_path):
     log = made().between(1e6, 2e6)
     assert len(log) == 0
     write_mcap(log, tmp_path / "run.mcap")
@@ -91,7 +91,7 @@ def test_an_empty_log_comes_back(tmp_path):
 
 
 @pytest.mark.thorough
-def test_more_rows_than_one_block_come_back(tmp_path):
+def test_log_of_several_blocks_round_trip(tmp_path):
     log = made(n=9001)
     write_mcap(log, tmp_path / "run.mcap")
     same(log, read_mcap(tmp_path / "run.mcap"))
@@ -103,7 +103,7 @@ FLOATS = hnp.arrays(np.float64, hnp.array_shapes(min_dims=2, max_dims=2, min_sid
 @pytest.mark.thorough
 @settings(max_examples=60, deadline=None)
 @given(values=FLOATS, single=st.lists(st.floats(width=32), min_size=1, max_size=6))
-def test_every_float_survives(tmp_path_factory, values, single):
+def test_every_float_round_trips_exactly(tmp_path_factory, values, single):
     n = min(len(values), len(single))
     ticks = np.arange(n)
     narrow = np.array(single[:n], np.float32)
@@ -119,7 +119,7 @@ def messages(path: Path) -> list:
 
 
 @pytest.mark.thorough
-def test_others_can_read_it(tmp_path):
+def test_mcap_library_reads_topics_times_and_schemas(tmp_path):
     """Read by the mcap library alone: topics, times in ns, JSON that fits its own schema."""
     log = made()
     write_mcap(log, tmp_path / "run.mcap")
@@ -147,7 +147,7 @@ def test_others_can_read_it(tmp_path):
     assert all(chunk.compression == "zstd" for chunk in summary.chunk_indexes)
 
 
-def test_what_json_lacks_is_null_and_1e999(tmp_path):
+def test_nan_and_infinity_are_written_as_null_and_1e999(tmp_path):
     ticks = np.arange(3)
     log = Log(to_seconds(ticks), ticks, {"a.x": np.array([np.nan, np.inf, -np.inf])})
     write_mcap(log, tmp_path / "run.mcap")
@@ -155,7 +155,7 @@ def test_what_json_lacks_is_null_and_1e999(tmp_path):
     assert texts == [b'{"x":null}', b'{"x":1e999}', b'{"x":-1e999}']
 
 
-def test_a_percent_sign_and_quotes_in_names_survive(tmp_path):
+def test_percent_and_quotes_in_names_round_trip(tmp_path):
     ticks = np.arange(2)
     log = Log(to_seconds(ticks), ticks, {'a.50%s "x"': np.array([1.0, 2.0]), "a.%d": np.array([3, 4])})
     write_mcap(log, tmp_path / "run.mcap")
@@ -171,7 +171,7 @@ def written(tmp_path_factory):
 
 @pytest.mark.thorough("0.5", "0.75")
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.75, 0.95])
-def test_a_cut_file_is_read_up_to_the_cut(tmp_path, share, written):
+def test_truncated_file_is_read_up_to_the_cut(tmp_path, share, written):
     log, data = written
     (tmp_path / "cut.mcap").write_bytes(data[: int(share * len(data))])
     cut = read_mcap(tmp_path / "cut.mcap")
@@ -183,7 +183,7 @@ def test_a_cut_file_is_read_up_to_the_cut(tmp_path, share, written):
 
 
 @pytest.mark.thorough
-def test_a_cut_anywhere_gives_a_log_or_a_refusal(tmp_path):
+def test_truncation_at_any_byte_gives_a_log_or_an_error(tmp_path):
     log = made(n=30)
     write_mcap(log, tmp_path / "run.mcap")
     data = (tmp_path / "run.mcap").read_bytes()
@@ -233,7 +233,7 @@ def spoil(data, place, how):
 @pytest.mark.thorough(*(f"{which}-{how}" for which in (0, -1) for how in ("zeros", "length", "noise", "short")))
 @pytest.mark.parametrize("how", ["bit", "zeros", "length", "noise", "short"])
 @pytest.mark.parametrize("which", [0, 3, -1])
-def test_damage_costs_its_chunk_and_is_named(tmp_path, how, which, written):
+def test_damage_loses_only_its_chunk_and_is_reported(tmp_path, how, which, written):
     log, data = written
     places = chunk_places(data)
     assert len(places) > 6
@@ -251,7 +251,7 @@ def test_damage_costs_its_chunk_and_is_named(tmp_path, how, which, written):
         assert read.metadata["gaps"][0]["after_s"] == pytest.approx(log.t[lost[0] - 1])
 
 
-def test_a_log_that_lacks_one_message_has_no_rows_of_two_instants(tmp_path):
+def test_missing_message_drops_its_row_without_mixing_instants(tmp_path):
     """`mcap recover` and tools that filter messages write such files."""
     log = made(n=400)
     write_mcap(log, tmp_path / "run.mcap")
@@ -278,7 +278,7 @@ def test_a_log_that_lacks_one_message_has_no_rows_of_two_instants(tmp_path):
     assert "truncated" not in read.metadata
 
 
-def test_a_file_whose_description_is_damaged_is_refused(tmp_path):
+def test_rejects_file_with_damaged_description(tmp_path):
     write_mcap(made(), tmp_path / "run.mcap")
     data = bytearray((tmp_path / "run.mcap").read_bytes())
     data[len(MAGIC) + 60] ^= 0x10
@@ -287,7 +287,7 @@ def test_a_file_whose_description_is_damaged_is_refused(tmp_path):
         read_mcap(tmp_path / "bad.mcap")
 
 
-def test_a_file_from_which_topics_were_taken_is_read(tmp_path):
+def test_file_with_removed_topics_is_read(tmp_path):
     log = made(n=50)
     write_mcap(log, tmp_path / "run.mcap")
     with open(tmp_path / "run.mcap", "rb") as source, open(tmp_path / "less.mcap", "wb") as stream:
@@ -307,7 +307,7 @@ def test_a_file_from_which_topics_were_taken_is_read(tmp_path):
         same_bits(less[path], log[path])
 
 
-def test_reading_what_is_no_log_is_refused(tmp_path):
+def test_rejects_reading_missing_or_other_files(tmp_path):
     with pytest.raises(InputError, match="No such file"):
         read_mcap(tmp_path / "missing.mcap")
     with pytest.raises(InputError, match="cannot be read"):
@@ -326,7 +326,7 @@ def test_reading_what_is_no_log_is_refused(tmp_path):
         read_mcap(tmp_path / "other.mcap")
 
 
-def test_a_later_format_is_refused(tmp_path):
+def test_rejects_a_newer_format_version(tmp_path):
     with open(tmp_path / "new.mcap", "wb") as stream:
         writer = Writer(stream)
         writer.start()
@@ -337,7 +337,7 @@ def test_a_later_format_is_refused(tmp_path):
         read_mcap(tmp_path / "new.mcap")
 
 
-def test_writing_where_one_cannot_is_refused(tmp_path, monkeypatch):
+def test_rejects_writing_to_invalid_destinations(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="mkdir -p"):
         write_mcap(made(), tmp_path / "no" / "run.mcap")
     (tmp_path / "file").write_text("")
@@ -358,7 +358,7 @@ def test_writing_where_one_cannot_is_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), RuntimeError("bug"), KeyboardInterrupt()])
-def test_an_error_on_the_way_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, error):
+def test_write_error_leaves_the_old_file_unchanged(tmp_path, monkeypatch, error):
     write_mcap(made(), tmp_path / "run.mcap")
     before = (tmp_path / "run.mcap").read_bytes()
 
@@ -373,7 +373,7 @@ def test_an_error_on_the_way_leaves_the_old_file_and_nothing_else(tmp_path, monk
     assert os.listdir(tmp_path) == ["run.mcap"]
 
 
-def test_a_new_file_has_the_usual_rights(tmp_path):
+def test_new_file_has_default_permissions(tmp_path):
     (tmp_path / "usual").write_text("")
     with replace_file(tmp_path / "new") as stream:
         stream.write(b"x")
@@ -382,8 +382,8 @@ def test_a_new_file_has_the_usual_rights(tmp_path):
 
 @pytest.mark.thorough("30000")
 @pytest.mark.parametrize("rows", [0, 1, 900, 30_000])
-def test_the_size_of_a_log_is_known_before_it_is_written(tmp_path, rows):
-    """Of one that is at rest at first: its first rows alone would say a fraction."""
+def test_estimated_log_size_is_close_to_file_size(tmp_path, rows):
+    """The log is constant at first, so its first rows alone would give a much smaller estimate."""
     rng = np.random.default_rng(3)
     x = np.where(np.arange(rows)[:, None] < rows / 3, 0.0, rng.standard_normal((rows, 6)))
     ticks = np.arange(rows) * ms(1)

@@ -1,4 +1,4 @@
-"""Measurements that can't be meant as they stand are refused by line and column, with what to write."""
+"""Implausible measurements are rejected by line and column, with a suggested fix."""
 
 from pathlib import Path
 
@@ -27,12 +27,12 @@ BAD = {
     "no number": ("rudder [deg],speed [rpm],force [N]\n0,6000,abc\n", "column 'force': 'abc'"),
     "not finite": ("rudder [deg],speed [rpm],force [N]\n0,6000,nan\n", "not finite"),
     "repeated rows": ("rudder [deg],speed [rpm],force [N]\n0,6000,1\n0,7000,1\n0,6000,1\n", "lines 2 and 4"),
-    "has column of a name": ("speed [rpm],speed [rpm],force [N],rudder [deg]\n1,2,3,4\n", "has column"),
+    "repeated column name": ("speed [rpm],speed [rpm],force [N],rudder [deg]\n1,2,3,4\n", "has column"),
 }
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_bad_data_is_named(what: str, tmp_path: Path) -> None:
+def test_invalid_data_error_names_the_place_and_fix(what: str, tmp_path: Path) -> None:
     text, words = BAD[what]
     file = tmp_path / "thrust.csv"
     file.write_text(text, encoding="utf-8")
@@ -42,7 +42,7 @@ def test_bad_data_is_named(what: str, tmp_path: Path) -> None:
     assert "Fix: " in str(refused.value)
 
 
-def test_units_are_converted_and_lines_kept(tmp_path: Path) -> None:
+def test_units_are_converted_and_line_numbers_kept(tmp_path: Path) -> None:
     file = tmp_path / "thrust.csv"
     file.write_text(
         "# an afternoon\nforce [gf], Rudder [deg] ,speed [krpm]\n\n102,-20,8\n153,10,9.5\n", encoding="utf-8"
@@ -54,32 +54,32 @@ def test_units_are_converted_and_lines_kept(tmp_path: Path) -> None:
     np.testing.assert_allclose(data["speed"], [8000, 9500])
 
 
-def test_a_missing_file_says_what_to_write(tmp_path: Path) -> None:
+def test_missing_file_error_shows_the_expected_header(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"pulse \[us\],angle \[deg\]"):
         read_measurements(tmp_path / "none.csv", rudder.SERVO_COLUMNS)
 
 
-def test_times_must_rise(tmp_path: Path) -> None:
+def test_rejects_times_that_do_not_increase(tmp_path: Path) -> None:
     file = tmp_path / "spin.csv"
     file.write_text("time [s],yaw_rate [rad/s]\n0,0\n0.1,0.2\n0.1,0.3\n", encoding="utf-8")
     with pytest.raises(InputError, match="line 4, column 'time'"):
         read_measurements(file, spin_up.SPIN_UP_COLUMNS, series=True)
 
 
-def test_a_trial_column_tells_equal_readings_apart(tmp_path: Path) -> None:
+def test_trial_column_allows_repeated_times(tmp_path: Path) -> None:
     file = tmp_path / "coast.csv"
     file.write_text("time [s],yaw_rate [deg/s],trial\n0,90,a\n0,90,b\n", encoding="utf-8")
     assert read_measurements(file, coast_down.SPIN_COLUMNS)["trial"].tolist() == ["a", "b"]
 
 
-def test_too_few_points_for_a_cubic(tmp_path: Path) -> None:
+def test_rejects_too_few_points_for_a_cubic(tmp_path: Path) -> None:
     file = tmp_path / "reverse.csv"
     file.write_text("speed [rpm],forward [N],reverse [N]\n6000,.4,.1\n8000,.7,.2\n9000,.9,.3\n", encoding="utf-8")
     with pytest.raises(InputError, match="3 readings for a cubic of 4 coefficients"):
         thrust.fit_reverse(read_measurements(file, thrust.REVERSE_COLUMNS), 0.03)
 
 
-def test_a_gauge_at_its_end_is_named(tmp_path: Path) -> None:
+def test_saturated_force_gauge_is_rejected(tmp_path: Path) -> None:
     file, rows = tmp_path / "thrust.csv", ["rudder [deg],speed [rpm],force [N]"]
     rows += [f"0,{n},{min(1e-8 * n * n, 0.8):.2f}" for n in range(5000, 12001, 500)]
     file.write_text("\n".join(rows), encoding="utf-8")
@@ -87,7 +87,7 @@ def test_a_gauge_at_its_end_is_named(tmp_path: Path) -> None:
         thrust.fit_thrust(read_measurements(file, thrust.THRUST_COLUMNS), 0.01)
 
 
-def test_forces_within_a_division_of_the_gauge_may_read_alike(tmp_path: Path) -> None:
+def test_equal_forces_within_gauge_resolution_are_accepted(tmp_path: Path) -> None:
     file, rows = tmp_path / "reverse.csv", ["speed [rpm],forward [N],reverse [N],trial"]
     forces = (0.1, 0.1, 0.15, 0.15, 0.25, 0.25, 0.35, 0.35, 0.4, 0.45, 0.55, 0.65, 0.65)
     for trial in range(3):
@@ -98,7 +98,7 @@ def test_forces_within_a_division_of_the_gauge_may_read_alike(tmp_path: Path) ->
 
 
 @pytest.mark.thorough
-def test_a_gyro_of_another_axis_is_refused(tmp_path: Path) -> None:
+def test_rejects_gyro_of_another_axis(tmp_path: Path) -> None:
     g, file = np.random.default_rng(0), tmp_path / "sweep.csv"
     t = 0.01 * np.arange(400)
     rows = [f"{a},{np.sin(3 * a)},{b}" for a, b in zip(t, g.standard_normal(400), strict=True)]

@@ -8,7 +8,7 @@ from trimtab.logs.log import Log
 from trimtab.logs.messages import group_by_topic, topic_schema
 
 
-def test_topics_are_blocks_and_several_blocks_have_one_each():
+def test_paths_are_grouped_by_block_into_topics():
     paths = (
         "truth.heading",
         "sensors.navigation.value.yaw_rate",
@@ -52,7 +52,7 @@ def made() -> dict:
     return topic_schema(log, "/law", group_by_topic(log.paths)["/law"])
 
 
-def test_each_property_has_its_type_unit_and_meaning():
+def test_schema_property_has_type_unit_and_description():
     schema = made()
     assert schema["type"] == "object"
     assert schema["title"] == "trimtab.law"
@@ -67,13 +67,13 @@ def test_each_property_has_its_type_unit_and_meaning():
     assert schema["properties"]["plain"] == {"type": "number"}
 
 
-def test_modes_have_their_names():
+def test_schema_lists_mode_names():
     mode = made()["properties"]["mode"]
     assert mode["oneOf"] == [{"title": "damp", "const": 0}, {"title": "turn", "const": 1}]
     assert "0: damp, 1: turn" in mode["description"]
 
 
-def test_it_is_a_valid_schema_without_unions():
+def test_schema_is_valid_and_without_unions():
     schema = made()
     jsonschema.Draft202012Validator.check_schema(schema)
     assert all(isinstance(p["type"], str) for p in schema["properties"].values())

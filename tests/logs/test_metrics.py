@@ -21,7 +21,7 @@ def merits(x, value=1.0, band=0.1, **options) -> dict:
     return metrics(logged(x, **options), [Target("truth.x", value, band)], ["truth.x"])["truth.x"]
 
 
-def test_a_rise_with_overshoot():
+def test_metrics_of_a_rise_with_overshoot():
     found = merits([0.0, 0.5, 0.95, 1.3, 1.05, 1.0, 1.0])
     assert found["settling_s"] == 4.0
     assert found["first_reach_s"] == 2.0
@@ -35,47 +35,47 @@ def test_times_count_from_the_first_sample():
     assert merits([0.0, 0.5, 1.0, 1.0], start=100.0, dt=0.5)["first_reach_s"] == pytest.approx(1.0, abs=1e-9)
 
 
-def test_a_target_passed_between_two_samples_is_reached_on_the_straight_line():
+def test_first_reach_is_interpolated_between_samples():
     assert merits([0.0, 0.0, 4.0, 4.0])["first_reach_s"] == pytest.approx(1.25, abs=1e-9)
     assert merits([0.0, 0.0, 4.0, 4.0])["settling_s"] is None
     assert merits([4.0, 0.0, 1.0])["first_reach_s"] == pytest.approx(0.75, abs=1e-9)
 
 
-def test_a_row_in_the_band_counts_although_the_target_was_crossed_just_before():
+def test_sample_in_band_takes_precedence_over_crossing_before_it():
     assert merits([0.0, 1.05, 1.0])["first_reach_s"] == 1.0
     assert merits([3.0, 0.95, 1.0])["first_reach_s"] == 1.0
 
 
-def test_from_above_the_far_side_is_below():
+def test_overshoot_from_above_is_below_the_target():
     found = merits([3.0, 1.2, 0.6, 0.9, 1.0])
     assert found["overshoot"] == pytest.approx(0.4, abs=1e-15)
     assert found["settling_s"] == 3.0
     assert merits([3.0, 2.0, 1.5])["overshoot"] == 0.0
 
 
-def test_started_at_the_target_overshoot_is_the_largest_excursion():
+def test_overshoot_from_target_is_the_largest_excursion():
     assert merits([1.0, 1.4, 0.3, 1.0])["overshoot"] == pytest.approx(0.7, abs=1e-15)
 
 
-def test_the_band_is_closed():
+def test_band_limits_are_inclusive():
     assert merits([0.0, 0.5, 0.5], value=1.0, band=0.5)["settling_s"] == 1.0
     assert merits([0.0, 0.49, 0.49], value=1.0, band=0.5)["settling_s"] is None
 
 
-def test_constant_signals():
+def test_metrics_of_constant_signals():
     at = merits([1.0] * 4)
     assert at == {"settling_s": 0.0, "first_reach_s": 0.0, "overshoot": 0.0, "tail_mean": 1.0, "tail_rms": 0.0}
     off = merits([0.0] * 4)
     assert off == {"settling_s": None, "first_reach_s": None, "overshoot": 0.0, "tail_mean": 0.0, "tail_rms": 0.0}
 
 
-def test_outside_at_the_end_never_settled():
+def test_signal_outside_band_at_end_never_settles():
     found = merits([0.0, 1.0, 1.0, 1.0, 1.2])
     assert found["settling_s"] is None
     assert found["first_reach_s"] == 1.0
 
 
-def test_a_single_sample():
+def test_metrics_of_a_single_sample():
     inside = merits([1.05])
     assert inside["settling_s"] == 0.0
     assert inside["first_reach_s"] == 0.0
@@ -85,7 +85,7 @@ def test_a_single_sample():
     assert merits([3.0])["first_reach_s"] is None
 
 
-def test_no_sample_at_all():
+def test_empty_log_has_no_metrics():
     log = logged([1.0]).between(5, 6)
     found = metrics(log, [Target("truth.x", 1.0, 0.1)], ["truth.x"])["truth.x"]
     assert set(found.values()) == {None}
@@ -93,7 +93,7 @@ def test_no_sample_at_all():
 
 
 @pytest.mark.parametrize("gap", [math.nan, math.inf, -math.inf])
-def test_what_is_not_finite_is_outside_every_band_and_never_a_number(gap):
+def test_non_finite_samples_are_outside_every_band(gap):
     early = merits([0.0, gap, 1.0, 1.0, 1.0, 1.0])
     assert early["settling_s"] == 2.0
     assert early["first_reach_s"] == 2.0
@@ -108,17 +108,17 @@ def test_what_is_not_finite_is_outside_every_band_and_never_a_number(gap):
     json.dumps([early, late], allow_nan=False)
 
 
-def test_no_crossing_is_seen_across_a_gap():
+def test_no_crossing_is_detected_across_a_nan_gap():
     assert merits([0.0, math.nan, 4.0])["first_reach_s"] is None
 
 
-def test_huge_values_give_no_infinity():
+def test_overflow_gives_none_instead_of_infinity():
     found = merits([1e308] * 4)
     json.dumps(found, allow_nan=False)
     assert found["tail_mean"] is None
 
 
-def test_signals_without_a_target_have_a_tail_only():
+def test_signals_without_target_have_only_tail_metrics():
     log = logged([1, 2, 3, 4], name="truth.count")
     found = metrics(log, [], ["truth.count"])["truth.count"]
     assert found["settling_s"] is found["first_reach_s"] is found["overshoot"] is None
@@ -126,7 +126,7 @@ def test_signals_without_a_target_have_a_tail_only():
     assert all(type(v) is float for v in found.values() if v is not None)
 
 
-def test_short_names_are_the_keys_that_were_asked_for():
+def test_results_use_the_requested_signal_names():
     log = logged([3.0, 3.0, 3.0], name="truth.yaw_rate")
     assert full_path("yaw_rate") == "truth.yaw_rate"
     found = metrics(log, [Target("truth.yaw_rate", 3.0, 0.15)], ["yaw_rate"])
@@ -134,7 +134,7 @@ def test_short_names_are_the_keys_that_were_asked_for():
     assert metrics(log, [Target("yaw_rate", 3.0, 0.15)], ["truth.yaw_rate"]) == {"truth.yaw_rate": found["yaw_rate"]}
 
 
-def test_an_angle_is_met_at_whichever_turn_it_ends():
+def test_angle_target_is_met_modulo_full_turns():
     short_way = np.array([0.0, -0.6, -1.2, -1.283, -1.283])
     target = Target("truth.x", 5.0, 0.02)  # 5 rad is -1.283 rad the short way round
     angle, real = logged(short_way, kind="angle"), logged(short_way)
@@ -147,7 +147,7 @@ def test_an_angle_is_met_at_whichever_turn_it_ends():
     assert nearest_target_value(long_way, target) == 5.0
 
 
-def test_against_a_plain_loop_on_random_walks():
+def test_metrics_match_a_plain_loop_on_random_walks():
     """Oracle: the definitions of the docs page, one sample after the other."""
     rng = np.random.default_rng(5)
     reached = 0
@@ -173,18 +173,18 @@ def test_against_a_plain_loop_on_random_walks():
     assert 10 < reached < 190
 
 
-def test_mode_switches():
+def test_mode_switches_are_counted():
     assert mode_switches(logged([0.0, 0.0])) == 0
     assert mode_switches(logged([0.0, 0.0, 0.0], law__switches=np.array([0, 1, 4], np.int32))) == 4
 
 
 @pytest.mark.parametrize(("value", "band"), [(1.0, 0.0), (1.0, -1.0), (1.0, math.nan), (math.inf, 1.0)])
-def test_targets_that_make_no_sense_are_refused(value, band):
+def test_rejects_invalid_target_value_or_band(value, band):
     with pytest.raises(InputError, match="target of 'yaw_rate'"):
         Target("yaw_rate", value, band)
 
 
-def test_what_cannot_be_measured_is_refused():
+def test_rejects_vectors_unknown_signals_and_duplicate_targets():
     log = logged(np.zeros((3, 2)))
     with pytest.raises(InputError, match="2 components"):
         metrics(log, [], ["truth.x"])

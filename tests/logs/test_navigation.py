@@ -1,4 +1,4 @@
-"""The verdict of one run: right in nearly every run of filters whose sensors are quieter, as believed, and noisier."""
+"""The verdict of one run is right for nearly every run with sensors quieter than, equal to, or noisier than assumed."""
 
 import json
 
@@ -75,8 +75,8 @@ def test_verdict_is_right_in_nine_of_ten_runs(flown, factor, verdict):
 
 
 @pytest.mark.thorough
-def test_errors_of_each_group_lie_within_their_interval(flown):
-    """The interval says how sure one run can be: wide where errors hang together, and true to what it says."""
+def test_error_intervals_have_the_stated_coverage(flown):
+    """The interval is wide for correlated errors and has the stated coverage."""
     found = [assess_navigation(log) for log in flown[1.0]]
     for group in ("heading", "velocity", "position", "gyro bias", "force bias"):
         rows = [f.errors[group] for f in found]
@@ -85,8 +85,8 @@ def test_errors_of_each_group_lie_within_their_interval(flown):
 
 
 @pytest.mark.thorough
-def test_measurements_count_where_the_counter_rises(flown):
-    """Rows of 1 ms hold each update six or seven times; the verdict is that of the updates, once each."""
+def test_each_update_counts_once_where_its_counter_rises(flown):
+    """Rows of 1 ms hold each update six or seven times; each update is counted once."""
     log = flown[1.0][0]
     rows = np.arange(0, int(log.ticks[-1]), ms(1))
     at = np.searchsorted(log.ticks, rows, side="right") - 1
@@ -101,8 +101,8 @@ def test_measurements_count_where_the_counter_rises(flown):
     assert assess_navigation(held).aiding["heading"].unseen == 0
 
 
-def test_estimates_are_compared_with_the_truth_of_their_own_time():
-    """A platform at 3 rad/s whose perfect estimate is 40 ms old: no error, where the truth of now is 0.12 rad on."""
+def test_delayed_estimate_is_compared_with_truth_of_its_time():
+    """At 3 rad/s, a perfect estimate that is 40 ms old has no error, although the current truth is 0.12 rad ahead."""
     t = np.arange(0, ms(2000), ms(1))
     heading = 3.0 * to_seconds(t)
     told = {"heading": heading - 0.12, "sigma_heading": np.full(len(t), 0.01), "coasting": t >= ms(1500)}
@@ -116,8 +116,8 @@ def test_estimates_are_compared_with_the_truth_of_their_own_time():
     np.testing.assert_allclose(state_series(turned)["heading"].error, found.error, atol=1e-12)
 
 
-def test_what_is_learned_and_what_is_not():
-    """A bias that converges, one still at it, one never seen, and a heading that drifts."""
+def test_bias_trends_distinguish_settled_and_unsettled_states():
+    """A bias that has converged, one still converging, one never observed, and a drifting heading."""
     t = np.arange(0, ms(20_000), ms(10))
     s = to_seconds(t)
     sigmas = {
@@ -148,7 +148,7 @@ def test_what_is_learned_and_what_is_not():
 
 
 @pytest.mark.thorough
-def test_a_log_without_sigmas_or_innovations_has_no_verdict(flown):
+def test_log_without_sigmas_has_no_verdict(flown):
     log = flown[1.0][0]
     bare = {p: log[p] for p in log.paths if not p.startswith("estimate.")}
     assert assess_navigation(Log(t=log.t, ticks=log.ticks, signals=bare)) is None
@@ -156,8 +156,8 @@ def test_a_log_without_sigmas_or_innovations_has_no_verdict(flown):
 
 
 @pytest.mark.thorough
-def test_few_draws_decide_nothing(flown):
-    """Half a second: a verdict would be a guess; ten times the believed noise is seen all the same."""
+def test_short_log_is_undecided(flown):
+    """Half a second is too short for a verdict; ten times the assumed noise is still detected."""
     short = assess_navigation(flown[1.0][3].between(0.0, 0.3))
     assert short.errors["heading"].verdict == "undecided"
     wrong = flown[1.0][3].between(0.0, 5.0)
@@ -167,7 +167,7 @@ def test_few_draws_decide_nothing(flown):
 
 
 @pytest.mark.thorough
-def test_numbers_survive_json(flown):
+def test_assessment_round_trips_through_json(flown):
     found = assess_navigation(flown[1.0][0])
     again = json.loads(json.dumps(found.plain()))
     assert again["aiding"]["heading"]["nis"]["verdict"] == found.aiding["heading"].nis.verdict

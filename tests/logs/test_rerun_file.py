@@ -1,4 +1,4 @@
-"""Without rerun-sdk a recording is refused, and nothing written; what is in one: tests/commands/test_convert.py."""
+"""Without rerun-sdk, no recording is written. Contents of a recording: tests/commands/test_convert.py."""
 
 import importlib.util
 
@@ -12,7 +12,7 @@ needs_none = pytest.mark.skipif(importlib.util.find_spec("rerun") is not None, r
 
 
 @needs_none
-def test_without_the_package_nothing_is_written(tmp_path):
+def test_missing_rerun_sdk_is_rejected_without_writing(tmp_path):
     file = tmp_path / "flight.rrd"
     with pytest.raises(InputError, match=r"rerun-sdk.*\n.*trimtab\[rerun\].*as=\"ros2\""):
         write_rerun(file, Log.__new__(Log), None)

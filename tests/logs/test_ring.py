@@ -50,15 +50,15 @@ def started(program: str, name: str) -> subprocess.Popen[str]:
 
 
 def ended(process: subprocess.Popen[str]) -> str:
-    """What a killed process had said on standard error."""
+    """Return the standard error of a killed process."""
     process.kill()
     return process.communicate()[1]
 
 
 @settings(max_examples=50)
 @given(st.lists(st.one_of(st.integers(1, 30), st.none()), max_size=30))
-def test_it_is_a_queue_that_refuses_when_full(moves):
-    """Against a list: integers put that many rows, None takes all."""
+def test_ring_is_a_fifo_that_rejects_rows_when_full(moves):
+    """Compare with a list: an integer writes that many rows, None reads all."""
     expected, taken, sequence, dropped = [], [], 0, 0
     held: list[int] = []
     with Ring.create(columns=1, rows=8) as ring:
@@ -81,7 +81,7 @@ def test_it_is_a_queue_that_refuses_when_full(moves):
         ring.unlink()
 
 
-def test_texts_say_where_they_belong(ring):
+def test_texts_keep_their_position_among_rows(ring):
     ring.write_text("first")
     ring.write_row([1, 2])
     ring.write_row([3, 4])
@@ -95,7 +95,7 @@ def test_texts_say_where_they_belong(ring):
     assert len(ring.read_texts()) == 4
 
 
-def test_numbers_keep_their_bits(ring):
+def test_rows_keep_floats_bit_for_bit(ring):
     row = np.array([-0.0, np.nan])
     ring.write_row(row)
     ring.write_row(np.array([np.inf, float(2**53 - 1)]))
@@ -104,7 +104,7 @@ def test_numbers_keep_their_bits(ring):
     assert rows[1].tolist() == [np.inf, 2.0**53 - 1]
 
 
-def test_two_threads_lose_nothing_that_was_taken_in():
+def test_two_threads_lose_no_accepted_rows():
     with Ring.create(columns=4, rows=256) as ring:
         count, put = 30_000, [0]
 
@@ -125,7 +125,7 @@ def test_two_threads_lose_nothing_that_was_taken_in():
         ring.unlink()
 
 
-def test_what_a_killed_producer_put_is_there():
+def test_rows_of_a_killed_producer_remain_readable():
     name = f"trimtab-test-{os.getpid()}-a"
     process = started(PRODUCER, name)
     assert process.stdout is not None
@@ -138,7 +138,7 @@ def test_what_a_killed_producer_put_is_there():
         assert [tuple(e) for e in ring.read_texts()] == [(21, 20.0, "half way")]
 
 
-def test_a_killed_consumer_shows_only_in_the_count_of_dropped_rows(ring):
+def test_killed_consumer_only_increases_dropped_rows(ring):
     process = started(CONSUMER, ring.name)
     assert process.stdout is not None
     assert process.stdout.readline() == "joined\n"
@@ -151,7 +151,7 @@ def test_a_killed_consumer_shows_only_in_the_count_of_dropped_rows(ring):
         assert another.read_rows()[0].tolist() == [12]
 
 
-def test_putting_keeps_no_memory(ring):
+def test_writing_rows_allocates_no_lasting_memory(ring):
     row = np.ones(2)
     ring.write_row(row)
     tracemalloc.start()
@@ -167,7 +167,7 @@ def test_putting_keeps_no_memory(ring):
     assert ring.dropped_rows == 5000 + 101 - 8
 
 
-def test_what_cannot_be_made_is_refused(ring):
+def test_rejects_invalid_size_and_name(ring):
     with pytest.raises(InputError, match="one of each"):
         Ring.create(columns=0)
     with pytest.raises(InputError, match="ring named"):
@@ -178,7 +178,7 @@ def test_what_cannot_be_made_is_refused(ring):
         Ring.create(columns=1000, rows=10**9)
 
 
-def test_leaving_twice_is_no_harm():
+def test_closing_twice_is_harmless():
     ring = Ring.create(columns=1)
     ring.close()
     ring.close()

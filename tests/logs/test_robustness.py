@@ -1,4 +1,4 @@
-"""Robustness against its definition, RTAMT's numbers, and by hand where the rows end or are no numbers."""
+"""Robustness compared with its definition, with RTAMT, and with hand calculations for short logs and NaN."""
 
 import math
 import time
@@ -29,7 +29,7 @@ def evaluate(text, signals, t=None):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("pairs", [range(2500), pytest.param(range(2500, PAIRS), marks=pytest.mark.thorough)], ids=str)
-def test_equal_to_rtamt_at_all_rows(pairs):
+def test_robustness_equals_rtamt_at_all_rows(pairs):
     table = np.load(TABLE)
     for k in pairs:
         tree, signals = draw_pair(k)
@@ -39,7 +39,7 @@ def test_equal_to_rtamt_at_all_rows(pairs):
 
 
 @pytest.mark.thorough
-def test_equal_to_the_definition_and_the_table_tells_much():
+def test_robustness_equals_definition_and_table_covers_operators():
     table, words = np.load(TABLE), set()
     for k in range(400):
         tree, signals = draw_pair(k)
@@ -73,7 +73,7 @@ X = [3.0, 1.0, 4.0, 1.0, 5.0]
         ("x > 0 since[1, 2] x > 3.5", [-math.inf, -0.5, -0.5, 0.5, 0.5]),
     ],
 )
-def test_by_hand(text, rows):
+def test_robustness_matches_values_computed_by_hand(text, rows):
     assert evaluate(text, {"x": np.array(X), "y": np.array(X)}).tolist() == rows
 
 
@@ -95,7 +95,7 @@ def logged(x, duration=None):
         ("a.x == 3 m implies always[0, 1](a.x > 1 m)", False),
     ],
 )  # fmt: skip
-def test_of_equal_numbers_the_comparison_decides(text, holds):
+def test_strict_and_weak_comparison_differ_at_equality(text, holds):
     assessed = assess_formula(logged(X), text)
     assert assessed.holds is holds
     assert abs(assessed.robustness) <= 2.0
@@ -103,7 +103,7 @@ def test_of_equal_numbers_the_comparison_decides(text, holds):
 
 
 @pytest.mark.parametrize("text", ["x < 3", "x >= 3", "x == 3", "x != 3"])
-def test_what_is_no_number_never_holds_nor_does_its_opposite(text):
+def test_nan_satisfies_neither_comparison_nor_negation(text):
     x = {"x": np.array([math.nan, 1.0]), "y": np.zeros(2)}
     assert evaluate(text, x)[0] == evaluate(f"not({text})", x)[0] == -math.inf
     assert evaluate(f"always({text} or not({text}))", x)[0] == -math.inf
@@ -111,7 +111,7 @@ def test_what_is_no_number_never_holds_nor_does_its_opposite(text):
     assert evaluate("eventually(x < 3)", x).tolist() == [2, 2]
 
 
-def test_a_log_that_ends_before_the_formula_is_refused():
+def test_rejects_log_shorter_than_the_formula_horizon():
     assert assess_formula(logged(X, duration=5.0), "always[0, 5 s](a.x < 6 m)").robustness == 1
     assert assess_formula(logged(X), "always[0, 4 s](a.x < 6 m)").robustness == 1
     for log, text in (
@@ -124,7 +124,7 @@ def test_a_log_that_ends_before_the_formula_is_refused():
     assert str(assess_formula(logged(X), "always(a.x < 4)")) == "VIOLATED, robustness -1 m: always(a.x < 4)"
 
 
-def test_runs_side_by_side_are_each_alone_also_where_rows_are_not_even():
+def test_batched_runs_equal_single_runs_at_uneven_times():
     rng = np.random.default_rng(4)
     t = np.cumsum(rng.integers(1, 60_000, 400)) / UNITS_PER_SECOND * 10
     runs = {"x": rng.normal(size=(7, 400)), "y": rng.normal(size=(7, 400))}
@@ -141,7 +141,7 @@ def test_runs_side_by_side_are_each_alone_also_where_rows_are_not_even():
 
 
 @pytest.mark.real_time
-def test_a_window_takes_as_long_as_its_rows_whatever_its_length():
+def test_window_cost_is_independent_of_window_length():
     x = np.random.default_rng(0).normal(size=(200_000, 1))
     rows = np.arange(len(x))
 

@@ -1,4 +1,4 @@
-"""Axes of ROS 2; what a bag holds is read back by another library in tests/commands/test_convert.py."""
+"""Axes of ROS 2. Another library reads the bag back in tests/commands/test_convert.py."""
 
 import math
 
@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from trimtab.logs.ros2_bag import convert_pose, convert_vector
 
 
-def test_axes_are_east_north_up_and_forward_left_up():
-    """By scipy's rotations, and a vehicle that points north-east, nose up."""
+def test_axes_are_converted_to_enu_and_flu():
+    """Compare with scipy's rotations, and check a vehicle that points north-east with its nose up."""
     frd_in_ned = Rotation.from_euler("ZYX", [[45.0, 20.0, 10.0]], degrees=True)
     enu, flu = Rotation.from_matrix([[0, 1, 0], [1, 0, 0], [0, 0, -1]]), Rotation.from_matrix(np.diag([1, -1, -1]))
     pose = convert_pose(np.array([[1.0, 2.0, -3.0]]), frd_in_ned.as_quat(scalar_first=True))

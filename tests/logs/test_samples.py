@@ -1,4 +1,4 @@
-"""Each sample of a sensor once, at its own time, out of rows that hold it."""
+"""Extraction of each sensor sample once, at its own time, from rows that hold the newest sample."""
 
 import numpy as np
 import pytest
@@ -34,21 +34,21 @@ def test_every_sample_is_found_once(spacing):
     assert found.period == pytest.approx(0.0065536, rel=1e-12)
 
 
-def test_equal_values_of_two_samples_are_two():
+def test_repeated_equal_values_are_separate_samples():
     taken = np.arange(100) * TICK
     log = held(np.arange(0, taken[-1], ms(1)), taken, np.ones((100, 1)))
     assert len(samples(log, "sensors.imu.value.rate").values) >= 99
 
 
-def test_rows_that_come_too_seldom_are_refused_with_the_reason():
+def test_rejects_log_rows_slower_than_the_sensor():
     taken = np.arange(1000) * TICK
     log = held(np.arange(0, taken[-1], ms(10)), taken, np.zeros((1000, 1)))
     with pytest.raises(InputError, match=r"the log has a row only every 10 ms, so it misses samples(.|\n)*log_period"):
         samples(log, "sensors.imu.value.rate")
 
 
-def test_a_run_whose_rows_hide_every_other_sample_is_refused_by_its_settings():
-    """Each 20 ms of a 10 ms sensor looks even; the noise would be read too large."""
+def test_rejects_rows_that_hide_every_second_sample():
+    """Rows every 20 ms of a 10 ms sensor look evenly spaced, but the noise estimate would be too large."""
     taken = np.arange(1000) * ms(10)
     log = held(np.arange(0, taken[-1], ms(20)), taken, np.zeros((1000, 1)))
     assert samples(log, "sensors.imu.value.rate").period == pytest.approx(0.02)
@@ -58,14 +58,14 @@ def test_a_run_whose_rows_hide_every_other_sample_is_refused_by_its_settings():
         samples(told, "sensors.imu.value.rate")
 
 
-def test_a_gap_is_named_by_its_time():
+def test_gap_error_names_its_time():
     taken = np.delete(np.arange(1000) * TICK, [500, 501])
     log = held(np.arange(0, taken[-1], ms(1)), taken, np.zeros((998, 1)))
     with pytest.raises(InputError, match=r"usually every 6\.5536 ms, but 19\.6608 ms at 3\.2702 s"):
         samples(log, "sensors.imu.value.rate")
 
 
-def test_other_signals_are_sampled_by_the_rows_and_may_jitter():
+def test_signals_without_flags_are_sampled_at_jittered_rows():
     g = np.random.default_rng(0)
     rows = np.arange(500) * ms(10) + g.integers(0, ms(2), 500)
     log = Log(t=to_seconds(rows), ticks=rows, signals={"csv.gyro": np.arange(500.0)})
@@ -76,7 +76,7 @@ def test_other_signals_are_sampled_by_the_rows_and_may_jitter():
         samples(log.between(0, 0.015), "csv.gyro")
 
 
-def test_longest_stretch_between_few_gaps_is_used_if_wanted():
+def test_longest_stretch_between_gaps_is_used_on_request():
     taken = np.delete(np.arange(2000) * ms(5), [700, 1500])
     log = Log(t=to_seconds(taken), ticks=taken, signals={"csv.gyro": np.arange(2000.0)[np.arange(1998)]})
     with pytest.raises(InputError, match="not evenly spaced"):
@@ -108,7 +108,7 @@ def write(tmp_path):
     return made
 
 
-def test_columns_units_and_times(write):
+def test_csv_columns_units_and_times_are_read(write):
     log = read_csv(write(GOOD))
     np.testing.assert_array_equal(log.ticks, [0, 100_000, 200_000])
     np.testing.assert_array_equal(log["csv.gyro_z"], [0.1, 0.2, -0.3])
@@ -116,7 +116,7 @@ def test_columns_units_and_times(write):
     assert len(log.paths) == 2
 
 
-def test_the_column_of_times_can_be_named(write):
+def test_time_column_can_be_selected_by_name(write):
     log = read_csv(write("stamp,x\n0,1\n0.5,2\n"), "stamp")
     np.testing.assert_array_equal(log.t, [0.0, 0.5])
     assert log.paths == ("csv.x",)
@@ -126,21 +126,21 @@ UNITS = {"": 1.0, "[s]": 1.0, "[ms]": 1e-3, "(us)": 1e-6, "[µs]": 1e-6, "[ns]":
 
 
 @pytest.mark.parametrize("unit", UNITS)
-def test_times_are_in_the_unit_that_their_column_says(write, unit):
+def test_time_unit_is_read_from_the_csv_heading(write, unit):
     rows = [round((7.0 + 0.01 * i) / UNITS[unit]) if UNITS[unit] < 1 else 7.0 + 0.01 * i for i in range(3)]
     log = read_csv(write(f"time {unit},x\n" + "".join(f"{t},1\n" for t in rows)))
     np.testing.assert_array_equal(log.ticks, [0, 100_000, 200_000])
 
 
 @pytest.mark.parametrize("name", ["time_ms", "TimeUS", "%time", "timestamp_us", "time_s"])
-def test_times_are_in_the_unit_that_their_name_says(write, name):
+def test_time_unit_is_read_from_the_column_name(write, name):
     scale = {"time_ms": 1e-3, "TimeUS": 1e-6, "%time": 1e-9, "timestamp_us": 1e-6, "time_s": 1.0}[name]
     rows = [f"{1000 + 0.01 * i:.2f}" if scale == 1 else str(round((1000 + 0.01 * i) / scale)) for i in range(3)]
     log = read_csv(write(f"{name},x\n" + "".join(f"{t},1\n" for t in rows)))
     np.testing.assert_array_equal(log.ticks, [0, 100_000, 200_000])
 
 
-def test_unit_of_times_can_be_given_with_their_name(write):
+def test_time_unit_can_be_given_with_the_column_name(write):
     text = "timestamp,x\n1000000000,1\n1000005000,2\n"
     np.testing.assert_array_equal(read_csv(write(text), "timestamp [us]").ticks, [0, 50_000])
     slow = read_csv(write("t [s],x\n0,1\n60,2\n"))
@@ -154,7 +154,7 @@ def test_numbered_columns_are_separate_signals(write):
     np.testing.assert_array_equal(log["csv.gyro_rad[2]"], [3, 6])
 
 
-def test_columns_with_text_or_empty_cells_are_left_out_with_the_reason(write):
+def test_columns_with_text_or_empty_cells_are_omitted_with_reason(write):
     log = read_csv(write('# logger 2\nt,mode,x,battery\n0,"AUTO, 1",1,\n1,HOLD,2,12\n'))
     assert log.paths == ("csv.x",)
     assert log.metadata["left_out"] == {
@@ -168,7 +168,7 @@ REFUSED = {
     "too few columns": ("t,x\n1,2\n3\n", "line 3 has 1 columns"),
     "text": ("t,x\n1,left\n", "line 2, column 'x': 'left' is not a number"),
     "nan": ("t,x\n1,2\n2,nan\n", "line 3, column 'x': 'nan' is not finite"),
-    "a time without a number": ("t,x\n1,2\n,3\n", "line 3, column 't': the cell is empty"),
+    "empty time cell": ("t,x\n1,2\n,3\n", "line 3, column 't': the cell is empty"),
     "microseconds": ("timestamp,x\n1000000000,1\n1000005000,2\n", r"every 5000 s(.|\n)*timestamp \[us\]"),
     "milliseconds": ("t,x\n0,1\n10,2\n", r"every 10 s(.|\n)*t \[ms\]"),
     "nanoseconds": ("t,x\n0,1\n10000000,2\n", r"no unit is given(.|\n)*t \[ns\]"),
@@ -184,20 +184,20 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_no_log_is_refused(write, name):
+def test_rejects_invalid_csv_logs(write, name):
     text, wanted = REFUSED[name]
     with pytest.raises(InputError, match=wanted):
         read_csv(write(text))
 
 
-def test_a_missing_file_and_a_missing_name_are_refused(write, tmp_path):
+def test_rejects_missing_file_and_unknown_time_column(write, tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_csv(tmp_path / "none.csv")
     with pytest.raises(InputError, match=r"no column 'clock'(.|\n)*Choices: time, gyro_z"):
         read_csv(write(GOOD), "clock")
 
 
-def test_samples_from_elsewhere_become_rows_that_hold_the_newest():
+def test_sample_series_become_rows_holding_the_newest_sample():
     slow = SampleSeries(np.array([20, 60]), {"x": np.array([1.0, 2.0])})
     quick = SampleSeries(
         np.array([10, 30, 60]), {"v": np.arange(6.0).reshape(3, 2), "on": np.array([True, False, True])}
@@ -225,6 +225,6 @@ def test_samples_from_elsewhere_become_rows_that_hold_the_newest():
         ({"a": SampleSeries(np.array([1, 2]), {"x": np.zeros(3)})}, "3 values"),
     ],
 )
-def test_series_that_make_no_log_are_refused(sensors, what):
+def test_rejects_invalid_sample_series(sensors, what):
     with pytest.raises(InputError, match=what):
         log_samples(sensors)

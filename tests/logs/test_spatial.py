@@ -1,4 +1,4 @@
-"""Roll, pitch, yaw, altitude and speeds out of a log, against what the vehicles themselves say of their state."""
+"""Roll, pitch, yaw, altitude and speeds from a log, compared with the vehicle models."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -40,7 +40,7 @@ def over_the_earth() -> tuple[Log, list]:
 
 
 @pytest.mark.thorough
-def test_over_the_turning_earth_it_is_what_the_body_says_of_its_flight():
+def test_rotating_earth_flight_matches_the_body_model():
     log, states = over_the_earth()
     flight = with_flight(log)
     for k, (t, x) in enumerate(zip(log.t, states, strict=True)):
@@ -59,7 +59,7 @@ def test_over_the_turning_earth_it_is_what_the_body_says_of_its_flight():
 
 
 @pytest.mark.thorough
-def test_the_origin_and_the_earth_of_the_run_count():
+def test_origin_and_earth_rate_come_from_the_metadata():
     log, _ = over_the_earth()
     parameters = dict(log.metadata["parameters"])
     other = replace_metadata(log, {"parameters": parameters | {"world.vehicle.origin.latitude": 0.5}})
@@ -72,7 +72,7 @@ def replace_metadata(log: Log, metadata: dict) -> Log:
     return Log(log.t, log.ticks, dict(log.signals), log.declarations, metadata)
 
 
-def test_angles_are_scipys_whatever_the_quaternions_length():
+def test_euler_angles_match_scipy_for_unnormalised_quaternions():
     q = np.random.default_rng(1).normal(size=(50, 4))
     R = rotation_matrices(q)
     np.testing.assert_allclose(R, Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix(), atol=1e-12)
@@ -82,7 +82,7 @@ def test_angles_are_scipys_whatever_the_quaternions_length():
 
 
 @pytest.mark.thorough
-def test_a_lander_turns_through_without_a_jump_and_ends_where_it_ends():
+def test_yaw_is_continuous_and_final_values_match():
     log = simulate(replace(hover(), duration=seconds(9)), backend="jax")
     flight = with_flight(log)
     np.testing.assert_allclose(flight["flight.yaw"], log.t, atol=1e-6)  # a radian a second, through more than a turn
@@ -96,7 +96,7 @@ def test_a_lander_turns_through_without_a_jump_and_ends_where_it_ends():
     assert with_flight(flight) is flight
 
 
-def test_a_velocity_of_the_body_is_turned_to_the_world():
+def test_body_velocity_is_rotated_to_the_world_frame():
     ticks = np.arange(2) * 10_000
     up = np.deg2rad(30) / 2
     turned = np.array([[np.cos(up), 0, np.sin(up), 0]] * 2)  # nose up by 30 degrees
@@ -112,7 +112,7 @@ def test_a_velocity_of_the_body_is_turned_to_the_world():
     assert "flight.altitude" not in flight
 
 
-def test_a_vehicle_in_the_plane_stays_as_it_is():
+def test_planar_vehicle_log_is_unchanged():
     ticks = np.arange(3) * 10_000
     log = Log(to_seconds(ticks), ticks, {"truth.heading": np.zeros(3), "truth.quartet": np.zeros((3, 4))})
     assert find_logged_flight(log) is None
@@ -120,7 +120,7 @@ def test_a_vehicle_in_the_plane_stays_as_it_is():
 
 
 @pytest.mark.thorough
-def test_a_flight_that_is_lost_is_no_error():
+def test_diverged_flight_gives_nan_angles_without_error():
     log = simulate(hover(), backend="jax")
     q = np.array(log["truth.q"])
     q[len(q) // 2 :] = np.nan
@@ -130,7 +130,7 @@ def test_a_flight_that_is_lost_is_no_error():
     assert jnp.isfinite(lost["flight.altitude"]).all()
 
 
-def test_a_state_with_angles_as_numbers_is_known_by_their_names():
+def test_scalar_euler_angles_are_recognised_by_name():
     ticks = np.arange(0, 40_000_000, 100_000)
     t = to_seconds(ticks)
     yaw = np.angle(np.exp(2j * t))  # wrapped

@@ -1,4 +1,4 @@
-"""A log that is written while something flies: the same as one written afterwards, whatever dies on the way."""
+"""A log written during a flight equals one written afterwards, even if a process is killed."""
 
 import json
 import os
@@ -109,7 +109,7 @@ def flown(path: Path, ring: Ring, rows: np.ndarray):
     return stream
 
 
-def test_it_is_what_write_mcap_would_have_written(tmp_path, ring):
+def test_streamed_log_equals_write_mcap_output(tmp_path, ring):
     rows = rows_of(700)
     stream = flown(tmp_path / "flight.mcap", ring, rows)
     assert stream.is_alive
@@ -139,7 +139,7 @@ def schemas(path: Path) -> dict[str, bytes]:
     return {c.topic: summary.schemas[c.schema_id].data for c in summary.channels.values()}
 
 
-def test_others_can_read_it(tmp_path, ring):
+def test_mcap_library_reads_the_streamed_log(tmp_path, ring):
     """By the mcap library alone, with its checks and by way of its index; and its metadata by a text search."""
     rows = rows_of(150)
     flown(tmp_path / "flight.mcap", ring, rows).close()
@@ -171,7 +171,7 @@ def data(tmp_path_factory) -> bytes:
 @pytest.mark.thorough
 @settings(max_examples=150)
 @given(share=st.floats(0, 1, exclude_max=True))
-def test_a_cut_anywhere_gives_all_up_to_the_cut(tmp_path_factory, data, share):
+def test_truncated_stream_gives_all_chunks_before_the_cut(tmp_path_factory, data, share):
     """All chunks that end before the cut, as the file's own index has them; refused only without the description."""
     path = tmp_path_factory.mktemp("cut") / "cut.mcap"
     path.write_bytes(data[: int(share * len(data))])
@@ -193,7 +193,7 @@ def test_a_cut_anywhere_gives_all_up_to_the_cut(tmp_path_factory, data, share):
     same(cut, rows_of(1200)[: len(cut)])
 
 
-def test_a_refusal_says_what_is_left(tmp_path, data):
+def test_unreadable_log_error_reports_remaining_metadata(tmp_path, data):
     (tmp_path / "cut.mcap").write_bytes(data[: data.index(b"trimtab.layout") + 40])
     with pytest.raises(InputError, match="the rest of the file gives scenario hovercraft/spin, seed 7"):
         read_mcap(tmp_path / "cut.mcap")
@@ -201,7 +201,7 @@ def test_a_refusal_says_what_is_left(tmp_path, data):
 
 @pytest.mark.real_time
 @pytest.mark.parametrize("victim", ["flight", "writer"])
-def test_what_is_killed_leaves_all_but_the_last_half_second(tmp_path, victim):
+def test_killed_process_loses_at_most_half_a_second(tmp_path, victim):
     path = tmp_path / "flight.mcap"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
     command = [sys.executable, "-c", FLYING, str(path)]
@@ -232,8 +232,8 @@ def test_what_is_killed_leaves_all_but_the_last_half_second(tmp_path, victim):
 
 
 @pytest.mark.real_time
-def test_a_full_disk_leaves_a_gap_that_is_counted(tmp_path, ring, capfd):
-    """The room for the file is bounded from outside, then given back."""
+def test_full_disk_leaves_a_counted_gap(tmp_path, ring, capfd):
+    """The space for the file is limited from outside, then restored."""
     rows = rows_of(3000)
     path = tmp_path / "flight.mcap"
     stream = flown(path, ring, rows[:500])
@@ -264,7 +264,7 @@ def test_a_full_disk_leaves_a_gap_that_is_counted(tmp_path, ring, capfd):
 
 
 @pytest.mark.real_time
-def test_what_the_ring_dropped_is_in_the_log(tmp_path, ring):
+def test_rows_dropped_by_the_ring_are_logged(tmp_path, ring):
     rows = rows_of(2000)
     stream = start_writer(tmp_path / "flight.mcap", ring, signals=SIGNALS, metadata={})
     os.kill(stream.pid, signal.SIGSTOP)
@@ -280,7 +280,7 @@ def test_what_the_ring_dropped_is_in_the_log(tmp_path, ring):
     same(log, rows[[*range(512), 600]])
 
 
-def test_a_log_that_was_deleted_says_so(tmp_path, ring):
+def test_deleted_log_is_reported_at_close(tmp_path, ring):
     stream = flown(tmp_path / "flight.mcap", ring, rows_of(6))
     (tmp_path / "flight.mcap").unlink()
     written = stream.close()
@@ -288,7 +288,7 @@ def test_a_log_that_was_deleted_says_so(tmp_path, ring):
     assert list_log_problems(Mock(), written) == ["the log was deleted or moved before its end"]
 
 
-def test_times_that_do_not_rise_are_left_out_and_counted(tmp_path, ring):
+def test_rows_with_non_increasing_times_are_dropped_and_counted(tmp_path, ring):
     rows = rows_of(6)
     rows[3, 0] = rows[1, 0]
     stream = flown(tmp_path / "flight.mcap", ring, rows)
@@ -298,7 +298,7 @@ def test_times_that_do_not_rise_are_left_out_and_counted(tmp_path, ring):
     same(read_mcap(tmp_path / "flight.mcap"), np.delete(rows, 3, axis=0))
 
 
-def test_what_cannot_be_written_is_refused_before_the_flight(tmp_path, ring):
+def test_rejects_unwritable_log_before_the_flight(tmp_path, ring):
     (tmp_path / "old.mcap").write_text("an old flight")
     with pytest.raises(InputError, match="File exists"):
         start_writer(tmp_path / "old.mcap", ring, signals=SIGNALS, metadata={})
@@ -311,7 +311,7 @@ def test_what_cannot_be_written_is_refused_before_the_flight(tmp_path, ring):
         start_writer(tmp_path / "new.mcap", ring, signals=[("log.x", (7,), np.float64, None)], metadata={})
 
 
-def test_closing_after_the_writer_died_says_so(tmp_path, ring):
+def test_closing_after_writer_death_returns_none(tmp_path, ring):
     stream = start_writer(tmp_path / "flight.mcap", ring, signals=SIGNALS, metadata={})
     os.kill(stream.pid, signal.SIGKILL)
     until(lambda: not stream.is_alive)
@@ -319,7 +319,7 @@ def test_closing_after_the_writer_died_says_so(tmp_path, ring):
     assert read_mcap(tmp_path / "flight.mcap").metadata["truncated"] is True
 
 
-def test_a_stopped_writer_delays_the_end_by_its_limit(tmp_path, ring, monkeypatch):
+def test_stopped_writer_delays_closing_by_at_most_its_limit(tmp_path, ring, monkeypatch):
     monkeypatch.setattr("trimtab.logs.stream.END_S", 0.1)
     stream = flown(tmp_path / "flight.mcap", ring, rows_of(20))
     until(lambda: len(read_mcap(tmp_path / "flight.mcap")) == 20)
@@ -331,8 +331,8 @@ def test_a_stopped_writer_delays_the_end_by_its_limit(tmp_path, ring, monkeypatc
     same(read_mcap(tmp_path / "flight.mcap"), rows_of(20))
 
 
-def test_a_slow_writer_may_finish_while_it_makes_progress(tmp_path, ring, monkeypatch):
-    """Each line of the writer, as it comes after a chunk, extends its limit."""
+def test_slow_writer_may_finish_while_it_makes_progress(tmp_path, ring, monkeypatch):
+    """Each line that the writer prints after a chunk extends its time limit."""
     monkeypatch.setattr("trimtab.logs.stream.END_S", 0.2)
     script = "import time; [(time.sleep(0.05), print(flush=True)) for _ in range(40)]; print('{}', flush=True)"
     process = subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE)

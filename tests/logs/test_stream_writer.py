@@ -1,4 +1,4 @@
-"""The writer's recorder, without a process: what is in the ring comes out of the file."""
+"""The writer's recorder without a process: the file contains the rows of the ring."""
 
 import os
 
@@ -45,7 +45,7 @@ def record(path, make_ring, use):
     return read_mcap(path)
 
 
-def test_rows_that_go_back_in_time_are_left_out_and_counted(tmp_path):
+def test_rows_back_in_time_are_dropped_and_counted(tmp_path):
     def write(ring, recorder):
         for t, x in ((0, 1.0), (10_000, 2.5), (10_000, 9.0), (5_000, 9.0), (20_000, -0.1)):
             ring.write_row(np.array([t, x]))
@@ -57,7 +57,7 @@ def test_rows_that_go_back_in_time_are_left_out_and_counted(tmp_path):
     assert log["log.unwritten"][-1] == 2
 
 
-def test_an_event_has_the_time_of_the_row_before_it_however_late_it_is_read(tmp_path):
+def test_event_has_the_time_of_the_preceding_row(tmp_path):
     log = record(tmp_path / "one.mcap", RacingRing, lambda ring, recorder: recorder.read_ring())
     assert log.metadata["events"][0] == {"t": 0.0, "text": "armed"}
     assert log.ticks[:2].tolist() == [0, 10_000]

@@ -1,4 +1,4 @@
-"""The Bode plot shows the loop's own numbers."""
+"""The Bode plot shows the values of the loop."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from trimtab.run.loop_linearisation import linearise_loop
 
 
 @pytest.mark.thorough
-def test_size_and_phase_and_the_margins(tmp_path):
+def test_bode_plot_shows_magnitude_phase_and_margins(tmp_path):
     loop = linearise_loop(scenario())
     figure = plot_bode(loop, tmp_path / "bode.png", "cart")
     assert (tmp_path / "bode.png").stat().st_size > 5000

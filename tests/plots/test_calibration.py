@@ -1,4 +1,4 @@
-"""Pictures of fits: readings, band, what was left out, residuals."""
+"""Pictures of fits: readings, band, excluded readings, residuals."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from matplotlib.text import Text
 from trimtab.plots.calibration import FitCurve, FitPanel, plot_fits
 
 
-def test_a_picture_shows_readings_fit_and_residuals(tmp_path: Path) -> None:
+def test_picture_shows_readings_fit_and_residuals(tmp_path: Path) -> None:
     x = np.linspace(0, 1, 20)
     kept = np.arange(20) != 7
     curve = FitCurve(x, 2 * x, 2 * x + 0.1, kept, x, 2 * x, 0.1 * np.ones(20))

@@ -1,4 +1,4 @@
-"""Pictures of a campaign show its numbers."""
+"""Pictures of a campaign show its statistics."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def words_of(axes):
     return [text.get_text() for text in axes.get_legend().get_texts()] + [axes.get_title("right"), axes.get_title()]
 
 
-def test_histogram_draws_every_run_or_says_how_many_not(tmp_path):
+def test_histogram_counts_runs_outside_the_axes(tmp_path):
     x = np.r_[RNG.normal(size=1000), [1e6] * 3, [np.nan] * 2]
     axes = plot_histogram(x, path=tmp_path / "h.png", limit=1.5).axes[0]
     words = " ".join(words_of(axes))
@@ -37,7 +37,7 @@ def test_far_limit_does_not_squeeze_the_bars(limit, side):
 
 @pytest.mark.thorough("x0", "x1")
 @pytest.mark.parametrize("x", [np.full(20, 3.0), np.full(20, np.nan), np.array([1.0])])
-def test_histogram_of_nothing_much_is_drawn_too(x, tmp_path):
+def test_histogram_of_constant_nan_or_single_value_is_drawn(x, tmp_path):
     plot_histogram(x, path=tmp_path / "h.png")
 
 
@@ -54,7 +54,7 @@ def test_convergence_ends_at_the_interval_of_all_runs(tmp_path):
 
 
 @pytest.mark.thorough
-def test_convergence_of_a_quantile_starts_without_a_bound(tmp_path):
+def test_quantile_convergence_starts_without_upper_bound(tmp_path):
     x = RNG.normal(size=2000)
     axes = plot_convergence(x, 0.95, tmp_path / "c.png").axes[0]
     low, high = axes.get_ylim()
@@ -65,7 +65,7 @@ def test_convergence_of_a_quantile_starts_without_a_bound(tmp_path):
 
 
 @pytest.mark.thorough
-def test_bars_are_the_indices_largest_first(tmp_path):
+def test_sensitivity_bars_are_sorted_largest_first(tmp_path):
     names = ("world.vehicle.mass", "world.uplink.delay", "law.gain")
     rows = saltelli_rows(0, 0, 256 * 6, 3)
     found = sensitivity(rows.u @ [1.0, 3.0, 0.2], names)
@@ -80,7 +80,7 @@ def test_bars_are_the_indices_largest_first(tmp_path):
     np.testing.assert_allclose([bar.get_width() for bar in axes.patches][:4], [3, 1, 0.2, 0], atol=1e-12)
 
 
-def test_what_could_not_be_told_is_written(tmp_path):
+def test_sensitivity_plot_states_zero_variance(tmp_path):
     found = sensitivity(np.full(80, 1.0), ("a", "b", "c"), noise=False)
     axes = plot_sensitivity(found, tmp_path / "s.png").axes[0]
     assert "no variance to explain" in " ".join(words_of(axes))

@@ -21,6 +21,6 @@ def test_picture_shows_the_map_and_the_beacons(tmp_path):
     assert imread(tmp_path / "map.png").std() > 0.05
 
 
-def test_map_without_an_edge_is_drawn_too():
+def test_map_without_boundary_is_drawn():
     found = dilution_map(SQUARE, np.linspace(-0.1, 0.1, 5), np.linspace(-0.1, 0.1, 5))
     assert len(plot_dilution(found).axes) == 2

@@ -1,4 +1,4 @@
-"""The picture of an error budget shows what is in it."""
+"""The picture of an error budget shows its measures and imperfections."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ FOUND = ErrorBudget(
 )
 
 
-def test_a_panel_for_each_measure_and_a_row_for_each_imperfection(tmp_path):
+def test_draws_a_panel_per_measure_and_row_per_imperfection(tmp_path):
     figure = plot_error_budget(FOUND, tmp_path / "budget.png", title="a flight")
     assert (tmp_path / "budget.png").stat().st_size > 5000
     first, second = figure.axes

@@ -1,4 +1,4 @@
-"""The picture of an inversion shows its own numbers, angles in degrees, and only what moves."""
+"""The picture of an inversion shows its results, with angles in degrees and without constant signals."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from trimtab.design.output_inversion import Inversion
 from trimtab.plots.inversion import plot_inversion
 
 
-def test_what_moves_and_the_span(tmp_path):
+def test_draws_moving_signals_and_omits_constant_ones(tmp_path):
     times = np.linspace(0, 3, 31)
     x = np.stack([np.sin(times), 0 * times + 2.0, 0.1 * times], axis=1)
     found = Inversion(times, x, np.cos(times)[:, None], None, None)  # type: ignore[arg-type]
@@ -19,8 +19,8 @@ def test_what_moves_and_the_span(tmp_path):
     assert figure.axes[-1].get_xlabel() == "time (s)"
 
 
-def test_outputs_come_first_and_what_hardly_moves_in_its_unit_is_left_out(tmp_path):
-    """A hundredth of a degree beside ten, though it began at nothing; an output of a metre beside a kilometre."""
+def test_outputs_come_first_and_nearly_constant_signals_are_omitted(tmp_path):
+    """An angle of 0.01 deg beside 10 deg is omitted; an output of 1 m beside 1 km is kept."""
     times = np.linspace(0, 3, 31)
     x = np.stack([1e3 * times, 1e-4 * np.sin(times), np.sin(times), 0.3 * times], axis=1)
     found = Inversion(times, x, np.cos(times)[:, None], None, None)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""The picture of a run's navigation shows errors, bands and NIS of the log, and what lies outside."""
+"""The picture of a run's navigation shows errors, bands and NIS of the log, and samples outside the bands."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def changed(log, **signals):
 
 
 @pytest.mark.thorough
-def test_a_run_without_a_valid_estimate_is_drawn_without_states(log, tmp_path):
+def test_run_without_valid_estimate_is_drawn_without_states(log, tmp_path):
     never = changed(log, estimate__valid=np.zeros(len(T), bool))
     figure = plot_navigation(never, tmp_path / "n.png")
     assert [axes.get_title("left") for axes in figure.axes if axes.axison] == ["NIS of heading"]
@@ -66,7 +66,7 @@ def test_one_valid_estimate_is_enough_for_a_picture(log, tmp_path):
     assert "Heading error" in [axes.get_title("left") for axes in plot_navigation(once, tmp_path / "n.png").axes]
 
 
-def test_states_that_nothing_aids_are_not_drawn(log):
+def test_unaided_states_are_not_drawn(log):
     lost = changed(
         log,
         estimate__state__north=np.zeros(len(T)),
@@ -77,13 +77,13 @@ def test_states_that_nothing_aids_are_not_drawn(log):
     assert titles == ["Heading error", "Gyro bias", "NIS of heading"]
 
 
-def test_a_log_without_sigmas_is_refused(log):
+def test_rejects_log_without_sigmas(log):
     bare = Log(t=log.t, ticks=log.ticks, signals={"truth.heading": log["truth.heading"]})
     with pytest.raises(InputError, match="no sigmas"):
         plot_navigation(bare)
 
 
-def test_a_declared_heading_is_in_degrees_and_its_band_too(log):
+def test_heading_and_its_band_are_in_degrees(log):
     declared = {f"{BASE}.heading": Quantity("rad", "For the picture.", kind="angle")}
     heading, *_ = plot_navigation(Log(log.t, log.ticks, log.signals, declared)).axes
     assert heading.get_ylabel() == "deg"

@@ -1,4 +1,4 @@
-"""Worlds as lines through their parameters."""
+"""Runs drawn as lines through their parameters."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from trimtab.plots.campaign import MOST_LINES, plot_parallel, short_names, thin_
 RNG = np.random.default_rng(0)
 
 
-def test_failures_lie_on_top_and_successes_are_thinned_as_it_says(tmp_path):
+def test_failures_are_drawn_on_top_and_successes_are_thinned(tmp_path):
     a, b = RNG.normal(size=5000), RNG.uniform(2, 3, size=5000)
     success = np.arange(5000) % 100 > 0
     figure = plot_parallel(
@@ -38,23 +38,23 @@ def test_failures_lie_on_top_and_successes_are_thinned_as_it_says(tmp_path):
     assert imread(tmp_path / "p.png").shape == (520, 1000, 4)
 
 
-def test_no_failure_is_drawn_too(tmp_path):
+def test_campaign_without_failures_is_drawn(tmp_path):
     plot_parallel({"a": [1.0, 2.0]}, [True, True], tmp_path / "p.png")
 
 
-def test_thinned_rows_are_even():
+def test_thinned_rows_are_evenly_spaced():
     rows = thin_rows(np.arange(1000), 10)
     np.testing.assert_array_equal(rows, [0, 111, 222, 333, 444, 555, 666, 777, 888, 999])
     np.testing.assert_array_equal(thin_rows(np.arange(5), 10), np.arange(5))
 
 
-def test_names_are_as_short_as_can_be():
+def test_parameter_names_are_shortened_while_unique():
     assert short_names(["a.b.mass", "a.b.gain"]) == ["mass", "gain"]
     assert short_names(["up.delay", "down.delay", "x"]) == ["up.delay", "down.delay", "x"]
     assert short_names(["a", "a"]) == ["a", "a"]
 
 
 @pytest.mark.parametrize("parameters", [{}, {"a": [1.0]}, {"a": [1.0, np.nan]}])
-def test_refuses_what_is_no_world(parameters):
+def test_rejects_missing_or_invalid_parameters(parameters):
     with pytest.raises(InputError):
         plot_parallel(parameters, [True, False])

@@ -1,4 +1,4 @@
-"""The plan view: where lines, marks and fence are, and which pictures have one."""
+"""The plan view: positions of lines, marks and fence, and the pictures that contain it."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def lines(axes, colour):
     return [line for line in axes.get_lines() if line.get_color() == colour and len(line.get_xdata()) > 2]
 
 
-def test_lines_are_where_they_belong():
+def test_lines_match_the_logged_positions():
     log, ideal = flown(), flown(seed=1)
     axes = plot_plan(log, ideal).axes[0]
     truth = lines(axes, BLUE)[0]
@@ -53,7 +53,7 @@ def test_lines_are_where_they_belong():
     assert axes.get_ylim()[1] > 3
 
 
-def test_marks_point_along_the_nose():
+def test_heading_marks_point_along_the_nose():
     log = flown()
     marks = [line for line in plot_plan(log).axes[0].get_lines() if len(line.get_xdata()) == 2]
     assert len(marks) == MARKS
@@ -68,7 +68,7 @@ def limit(k, fields, low, high):
     return {f"{head}.fields": fields, f"{head}.low": low, f"{head}.high": high}
 
 
-def test_the_fence_is_the_tightest_and_is_drawn_where_it_is_near():
+def test_tightest_fence_is_used_and_drawn_when_near():
     parameters = {
         **limit(0, ["yaw_rate"], -12, 12),
         **limit(1, ["north"], -1.0, 90.0),
@@ -83,7 +83,7 @@ def test_the_fence_is_the_tightest_and_is_drawn_where_it_is_near():
     np.testing.assert_allclose(np.hypot(*fence[1].get_data()), 4.0)
 
 
-def test_the_picture_of_a_run_has_one_where_the_vehicle_is_in_the_plane():
+def test_run_picture_has_a_plan_only_for_planar_vehicles():
     figure = plot_run(flown(), flown(seed=1))
     titles = [a.get_title(loc="left") for a in figure.axes]
     assert titles.count("Plan") == 1
@@ -103,14 +103,14 @@ def test_the_picture_of_a_run_has_one_where_the_vehicle_is_in_the_plane():
 
 @pytest.mark.thorough("2")
 @pytest.mark.parametrize("n", [1, 2])
-def test_very_short_runs_and_such_that_stand_still_are_drawn(n, tmp_path):
+def test_very_short_and_stationary_runs_are_drawn(n, tmp_path):
     log = flown(n, estimate=False)
     plot_plan(log, log, tmp_path / "plan.png", title="Short")
     assert (tmp_path / "plan.png").exists()
     assert not has_plan(flown(5).between(0, 0))
 
 
-def test_what_is_not_finite_leaves_a_picture():
-    """A flight that was lost: the rest of it is drawn."""
+def test_nan_positions_still_give_a_picture():
+    """The finite part of a diverged flight is drawn."""
     axes = plot_plan(flown(lost=200)).axes[0]
     assert np.isfinite([*axes.get_xlim(), *axes.get_ylim()]).all()

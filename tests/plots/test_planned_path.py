@@ -13,7 +13,7 @@ TASK = PlanTask(ObstacleFloor((-4, 4), (-4, 4), np.array([[0, -1.5, 0.5]]), (TRI
 
 
 @pytest.mark.thorough
-def test_floor_flight_and_limits_are_drawn(tmp_path):
+def test_planned_path_shows_floor_flight_and_limits(tmp_path):
     plan = plan_path(TASK)
     figure = plot_planned_path(TASK, plan, tmp_path / "plan.png", title="hall")
     floor, thrust, angle, _ = figure.axes

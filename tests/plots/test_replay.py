@@ -1,4 +1,4 @@
-"""The picture of a replay: which rows there are, and what each line is."""
+"""The picture of a replay: its rows and the data of each line."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ RECORDED = {
 }
 
 
-def test_each_line_is_what_the_note_says(tmp_path):
+def test_lines_match_the_noted_rms_errors(tmp_path):
     """The log has rows between the steps; the truth is that of the steps."""
     fine = np.arange(0, ms(400), ms(1))
     whole = log(fine, **{"truth.heading": np.sin(40 * to_seconds(fine))})
@@ -49,18 +49,18 @@ def test_each_line_is_what_the_note_says(tmp_path):
     assert imread(tmp_path / "replay.png").std() > 0.05
 
 
-def test_rows_are_real_numbers_that_both_have():
+def test_compares_only_real_signals_in_both_logs():
     assert common_signals(log(**RECORDED), log(**RECORDED)) == ["estimate.state.heading", "law.demand.FX"]
     fewer = {p: v for p, v in RECORDED.items() if "heading" not in p}
     assert common_signals(log(**RECORDED), log(**fewer)) == ["law.demand.FX"]
 
 
-def test_nothing_in_common_is_refused():
+def test_rejects_logs_without_common_signals():
     with pytest.raises(InputError, match="in common"):
         plot_replay(log(**RECORDED), log(**RECORDED), log(**{"estimate.other": WAVE}))
 
 
-def test_a_declared_heading_is_in_degrees():
+def test_declared_heading_is_plotted_in_degrees():
     declared = {"estimate.state.heading": Quantity("rad", "For the picture.", kind="angle")}
     recorded = Log(to_seconds(T), T, RECORDED, declared)
     values, errors, *_ = plot_replay(

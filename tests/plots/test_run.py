@@ -68,7 +68,7 @@ def line_of(axes, colour):
     return next(line for line in axes.get_lines() if line.get_color() == colour and len(line.get_xdata()) > 2)
 
 
-def test_panels_follow_from_the_paths(drawn):
+def test_panels_follow_from_the_signal_paths(drawn):
     _, _, figure = drawn
     titles = [a.get_title(loc="left") for a in figure.axes]
     truth, actuators = ["Surge velocity", "Heading"], ["FX", "Thrust", "Speed"]
@@ -77,7 +77,7 @@ def test_panels_follow_from_the_paths(drawn):
     assert axes_of(figure, "FX").get_title(loc="right") == "law.demand.FX, actuators.u.FX"
 
 
-def test_note_gives_way_to_a_long_title():
+def test_signal_note_is_shortened_beside_a_long_title():
     name, demand = "actuators.u.shaft_speed", "law.demand.shaft_speed"
     assert signal_note(Panel("Shaft speed, actuators.u", (name,), demand_path=demand)) == name
     assert signal_note(Panel("Shaft speed", (name,), demand_path=demand)) == f"{demand}, {name}"
@@ -101,7 +101,7 @@ def test_labels_have_the_declared_units(drawn):
     assert [a.get_xlabel() for a in figure.axes] == [""] * 6 + ["time (s)"] * 3
 
 
-def test_lines_hold_the_data(drawn):
+def test_lines_contain_the_logged_data(drawn):
     real, ideal, figure = drawn
     axes = axes_of(figure, "Heading")
     np.testing.assert_array_equal(line_of(axes, BLUE).get_xdata(), real.t)
@@ -122,7 +122,7 @@ def test_the_target_is_drawn_only_in_its_own_panel(drawn):
     assert not axes_of(figure, "Surge velocity").patches
 
 
-def test_modes_are_steps_with_their_names(drawn):
+def test_modes_are_drawn_as_named_steps(drawn):
     real, ideal, figure = drawn
     axes = axes_of(figure, "Mode")
     assert [label.get_text() for label in axes.get_yticklabels()] == ["damp", "turn to the\ngoal"]
@@ -131,7 +131,7 @@ def test_modes_are_steps_with_their_names(drawn):
     np.testing.assert_allclose(line_of(axes, VERMILION).get_ydata(), ideal["law.mode"] - 0.1, atol=1e-15)
 
 
-def test_lyapunov_is_logarithmic_and_flags_are_bars(drawn):
+def test_lyapunov_axis_is_logarithmic_and_flags_are_bars(drawn):
     real, _, figure = drawn
     assert axes_of(figure, "Lyapunov").get_yscale() == "log"
     spans = [path.get_extents() for path in axes_of(figure, "Flags").collections[0].get_paths()]
@@ -139,13 +139,13 @@ def test_lyapunov_is_logarithmic_and_flags_are_bars(drawn):
     np.testing.assert_array_equal(on, real["actuators.braking"][:-1])
 
 
-def test_ages_of_the_links_share_a_panel(drawn):
+def test_link_ages_share_a_panel(drawn):
     _, _, figure = drawn
     legend = axes_of(figure, "Age of the newest sample").get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ["downlink.navigation.age", "uplink.age"]
 
 
-def test_one_legend_says_what_the_colours_mean(drawn):
+def test_single_legend_explains_the_colours(drawn):
     _, _, figure = drawn
     assert [t.get_text() for t in figure.legends[0].get_texts()] == ["real", "ideal", "demanded", "target", "band"]
     assert figure.texts[0].get_text() == "hovercraft/forward · seed 4"
@@ -164,7 +164,7 @@ def texts_of(axes) -> list[Text]:
     return found
 
 
-def test_no_text_covers_another_or_leaves_the_picture(drawn):
+def test_texts_do_not_overlap_or_leave_the_picture(drawn):
     _, _, figure = drawn
     figure.draw_without_rendering()
     texts = [*figure.texts, *figure.legends[0].get_texts(), *(t for axes in figure.axes for t in texts_of(axes))]
@@ -178,7 +178,7 @@ def test_no_text_covers_another_or_leaves_the_picture(drawn):
             assert not x.overlaps(y), (a, b)
 
 
-def test_a_foreign_vehicle_gets_its_panels():
+def test_unknown_vehicle_gets_panels_for_its_signals():
     ticks = np.arange(20)
     signals = {
         "truth.altitude": np.linspace(0, 1e5, 20),
@@ -197,7 +197,7 @@ def test_a_foreign_vehicle_gets_its_panels():
 
 
 @pytest.mark.parametrize(("aim", "said"), [(1.0, "in its band from 0.15 s on"), (2.0, "not in its band at the end")])
-def test_a_target_has_its_verdict_in_words(aim, said):
+def test_target_panel_states_whether_target_is_met(aim, said):
     log = flown()
     log = Log(
         log.t, log.ticks, log.signals | {"truth.heading": 1 - np.exp(-20 * log.t)}, log.declarations, log.metadata
@@ -215,7 +215,7 @@ def test_very_short_runs_are_drawn(n, tmp_path):
     assert (tmp_path / "short.png").exists()
 
 
-def test_the_png_is_a_picture_of_the_right_size(tmp_path, drawn):
+def test_png_has_the_figure_size(tmp_path, drawn):
     real, ideal, _ = drawn
     figure = plot_run(real, ideal, tmp_path / "run.png")
     picture = imread(tmp_path / "run.png")
@@ -226,7 +226,7 @@ def test_the_png_is_a_picture_of_the_right_size(tmp_path, drawn):
 
 
 @pytest.mark.thorough
-def test_other_kinds_of_file_by_suffix(tmp_path):
+def test_file_suffix_selects_the_picture_format(tmp_path):
     plot_run(flown(), path=tmp_path / "run.svg")
     assert b"<svg" in (tmp_path / "run.svg").read_bytes()
     with pytest.raises(InputError, match="cannot be saved as 'doc'"):
@@ -237,7 +237,7 @@ def test_other_kinds_of_file_by_suffix(tmp_path):
         plot_run(flown(), targets=[Target("truth.depth", 1.0, 0.5)])
 
 
-def test_long_lines_are_thinned_to_what_can_be_seen():
+def test_long_lines_are_thinned_and_keep_extremes():
     n = 15_000
     x = np.sin(np.arange(n) / 900) + 1e-3 * np.random.default_rng(0).normal(size=n)
     x[7_777], x[8_888] = 50.0, -50.0
@@ -272,7 +272,7 @@ def test_decimation_keeps_extremes_ends_gaps_and_order(values, bins):
 
 
 @pytest.mark.thorough
-def test_a_flight_in_space_has_angles_in_degrees_and_its_track_beside_them():
+def test_spatial_flight_shows_angles_in_degrees_and_its_track():
     log = simulate(hover(), log_period=ms(20), backend="jax")
     figure = plot_run(log, log, targets=hover().targets)
     titles = [a.get_title(loc="left") for a in figure.axes]
@@ -289,7 +289,7 @@ def test_a_flight_in_space_has_angles_in_degrees_and_its_track_beside_them():
     assert profile.lines[-1].get_ydata()[0] == pytest.approx(5.0, abs=0.2)  # where it ends
 
 
-def test_bounds_of_an_input_are_drawn_where_they_are_near():
+def test_input_bounds_are_drawn_only_when_near():
     ticks = np.arange(100) * 10_000
     u = np.linspace(0, 8, 100)
     declared = {
@@ -302,7 +302,7 @@ def test_bounds_of_an_input_are_drawn_where_they_are_near():
     assert len(axes_of(figure, "Far").lines) == 1
 
 
-def test_a_flag_of_several_numbers_is_drawn_number_by_number():
+def test_vector_flag_is_drawn_per_component():
     ticks = np.arange(10) * 10_000
     declared = {"law.working": Quantity("1", "Which work.", kind="flag")}
     log = Log(to_seconds(ticks), ticks, {"law.working": np.ones((10, 3), bool), "truth.x": np.zeros(10)}, declared)
@@ -311,7 +311,7 @@ def test_a_flag_of_several_numbers_is_drawn_number_by_number():
 
 
 @pytest.mark.thorough
-def test_no_two_panels_have_one_title():
+def test_panel_titles_are_unique():
     log = simulate("hovercraft/pose", duration="100 ms")
     titles = [panel.title for panel in select_panels(log)]
     assert len(titles) == len(set(titles)), titles
@@ -326,7 +326,7 @@ def switching(n=30_000, every=20):
     return Log(to_seconds(ticks), ticks, {"truth.x": x})
 
 
-def test_what_chatters_is_drawn_as_its_range_with_its_mean_and_said_in_the_legend():
+def test_chattering_signal_is_drawn_as_range_with_mean():
     log = switching()
     figure = plot_run(log)
     (axes,) = figure.axes
@@ -341,7 +341,7 @@ def test_what_chatters_is_drawn_as_its_range_with_its_mean_and_said_in_the_legen
     assert CHATTER in [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def test_what_can_be_read_stays_a_line():
+def test_slow_signals_are_not_drawn_as_chatter():
     ticks = np.arange(30_000) * 10_000
     walk = np.cumsum(np.random.default_rng(3).normal(size=len(ticks)))
     slow = np.sin(to_seconds(ticks)) + 0.05 * np.random.default_rng(4).normal(size=len(ticks))
@@ -351,7 +351,7 @@ def test_what_can_be_read_stays_a_line():
         assert CHATTER not in [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def test_a_gap_in_what_chatters_stays_a_gap():
+def test_gap_in_chattering_signal_stays_a_gap():
     log = switching()
     x = log["truth.x"].copy()
     x[20_000:24_000] = np.nan
@@ -360,6 +360,6 @@ def test_a_gap_in_what_chatters_stays_a_gap():
     assert not any(((t > log.t[20_300]) & (t < log.t[23_700])).any() for t in inside)
 
 
-def test_a_path_in_second_place_is_the_file(tmp_path):
+def test_second_positional_string_is_the_output_file(tmp_path):
     plot_run(flown(), str(tmp_path / "run.svg"))
     assert [p.name for p in tmp_path.iterdir()] == ["run.svg"]

@@ -1,4 +1,4 @@
-"""Pictures of searches: their numbers are those of the results."""
+"""Pictures of searches show the results of the searches."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def found(least):
 @pytest.mark.parametrize(
     ("least", "said"), [(-0.25, "failure, margin -0.25"), (0.1, "no failure; smallest margin 0.1")]
 )
-def test_least_so_far_and_the_worst_point_are_drawn(tmp_path, least, said):
+def test_falsify_plot_shows_best_margin_and_worst_point(tmp_path, least, said):
     made = found(least)
     figure = plot_falsify(made, tmp_path / "worst.png", title="a search")
     assert (tmp_path / "worst.png").stat().st_size > 5000
@@ -41,7 +41,7 @@ def test_least_so_far_and_the_worst_point_are_drawn(tmp_path, least, said):
 
 @pytest.mark.thorough("search")
 @pytest.mark.parametrize("method", ["search", "gradient"])
-def test_steps_and_intervals_are_drawn(tmp_path, method):
+def test_tuning_plot_shows_steps_and_intervals(tmp_path, method):
     rng = np.random.default_rng(1)
     before = rng.random(50)
     seen, held = compare(before, before - 0.3 + 0.01 * rng.random(50)), compare(before, before + 0.1)
@@ -59,7 +59,7 @@ def test_steps_and_intervals_are_drawn(tmp_path, method):
     assert middles == pytest.approx([seen.difference, held.difference])
 
 
-def test_infinite_costs_are_counted(tmp_path):
+def test_tuning_plot_counts_runs_with_infinite_cost(tmp_path):
     lost = compare(np.array([1.0, np.inf, 2.0]), np.array([0.5, 1.0, 3.0]))
     made = TuningResult(
         CampaignPlan("a"),

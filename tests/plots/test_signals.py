@@ -1,4 +1,4 @@
-"""Any signals of a log: which are chosen by a path, and that each has its panel."""
+"""Plots of any signals of a log: selection by path, and one panel per signal."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def log():
     return Log(t=t, ticks=TICKS, signals=signals, declarations={"truth.x": Quantity("m", "Where it is.")})
 
 
-def test_a_path_a_component_and_letters_are_chosen_in_their_order(log):
+def test_selects_paths_components_and_wildcards_in_order(log):
     assert select_paths(log, ["law.mode", "truth.*", "truth.v[1]"]) == [
         "law.mode",
         "truth.x",
@@ -32,19 +32,19 @@ def test_a_path_a_component_and_letters_are_chosen_in_their_order(log):
 @pytest.mark.parametrize(
     ("wanted", "near"), [("truth.y", "truth.x"), ("truth", "truth.x"), ("nothing*", "truth.x")], ids=lambda word: word
 )
-def test_what_isnt_there_is_refused_with_what_is(wanted, near, log):
+def test_unknown_path_error_lists_similar_paths(wanted, near, log):
     with pytest.raises(InputError) as refused:
         select_paths(log, [wanted])
     assert near in refused.value.choices
 
 
-def test_too_many_panels_are_refused(log):
+def test_rejects_too_many_panels(log):
     wide = Log(t=log.t, ticks=TICKS, signals={"truth.q": np.zeros((50, 30))})
     with pytest.raises(InputError, match="too many"):
         select_paths(wide, ["truth.q"])
 
 
-def test_each_signal_has_a_panel_and_each_log_that_has_it_a_line(log, tmp_path):
+def test_draws_a_panel_per_signal_and_line_per_log(log, tmp_path):
     other = Log(t=log.t, ticks=TICKS, signals={"truth.x": np.cos(log.t)})
     figure = plot_signals({"a": log, "b": other}, ["truth.x", "law.mode"], tmp_path / "both.svg", title="both")
     assert [len(axis.lines) for axis in figure.axes] == [2, 1]
@@ -53,7 +53,7 @@ def test_each_signal_has_a_panel_and_each_log_that_has_it_a_line(log, tmp_path):
     assert (tmp_path / "both.svg").read_text().startswith("<?xml")
 
 
-def test_a_heading_is_in_degrees_and_what_chatters_is_said_at_its_panel():
+def test_heading_is_in_degrees_and_chatter_is_noted():
     ticks = np.arange(20_000) * ms(1)
     signals = {"truth.heading": np.sin(to_seconds(ticks)), "law.sign": np.where(np.arange(20_000) % 2, 1.0, -1.0)}
     declared = {"truth.heading": Quantity("rad", "For the picture.", kind="angle")}

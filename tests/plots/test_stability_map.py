@@ -1,4 +1,4 @@
-"""The picture of a stability map shows what is in it."""
+"""The picture of a stability map shows its points, boundary and theory."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ def made(inside):
     return StabilityMap(Named(), x, y, at_x, at_y, traced, 4, "none")
 
 
-def test_points_boundary_and_theory(tmp_path):
+def test_stability_map_shows_points_boundary_and_theory(tmp_path):
     found = made(lambda x, y: x * y < 0.5)
     at = np.linspace(0, 0.4, 9), np.linspace(1, 3, 9)
     line = StabilityCriterion("delay margin", *at, 0.5 - np.outer(*at))
@@ -46,7 +46,7 @@ def test_points_boundary_and_theory(tmp_path):
     assert (colours[0, 0], colours[-1, -1]) == (1.0, 0.0)
 
 
-def test_a_map_without_a_boundary_is_drawn_without_one():
+def test_map_without_boundary_has_no_boundary_line():
     figure = plot_stability_map(made(lambda x, y: x < 9), title="all of it")
     assert [t.get_text() for t in figure.legends[0].get_texts()] == ["flown"]
     assert figure.axes[0].get_title() == "all of it: 25 points flown of 1089"

@@ -1,4 +1,4 @@
-"""The picture of a swarm: one way for each craft, distances of both twins."""
+"""The picture of a swarm: one track for each craft, spacing of the real and the ideal run."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def log(shift=0.0, **more):
 
 
 @pytest.mark.thorough
-def test_each_craft_has_its_way_and_its_nose(tmp_path):
+def test_each_craft_has_a_track_and_a_heading_mark(tmp_path):
     figure = plot_swarm(log(), path=tmp_path / "s.png", title="Test")
     floor, spacing, _ = figure.axes
     ways = [line for line in floor.lines if len(line.get_xdata()) == len(T)]
@@ -39,12 +39,12 @@ def test_each_craft_has_its_way_and_its_nose(tmp_path):
     assert imread(tmp_path / "s.png").std() > 0.05
 
 
-def test_the_ideal_twin_is_beside():
+def test_ideal_run_spacing_is_drawn_beside_real_run():
     spacing = plot_swarm(log(), log(shift=1.0)).axes[1]
     assert [line.get_ydata()[0] for line in spacing.lines] == [2.5, 1.5]
     assert spacing.get_title("right") == "least 1.5 m", "the note is the real run's"
 
 
-def test_a_log_of_one_vehicle_is_refused():
+def test_rejects_log_of_a_single_vehicle():
     with pytest.raises(InputError, match="several craft"):
         plot_swarm(log(**{"truth.north": np.zeros(len(T))}))

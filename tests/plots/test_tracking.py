@@ -1,4 +1,4 @@
-"""The picture of tracking: which rows there are, in which order, and what each line is."""
+"""The picture of tracking: its rows, their order, and the data of each line."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def log(**more):
     return Log(t=to_seconds(T), ticks=T, signals=signals | more)
 
 
-def test_tracked_signals_come_first_then_inputs_then_estimated_ones(tmp_path):
+def test_tracked_signals_precede_inputs_and_estimates(tmp_path):
     assert [(r.name, r.is_estimated) for r in tracking_rows(log())] == [("h", False), ("bend", True)]
     figure = plot_tracking(log(), tmp_path / "t.png", title="Test")
     titles = [axes.get_title("left") for axes in figure.axes if axes.axison]
@@ -40,12 +40,12 @@ def test_tracked_signals_come_first_then_inputs_then_estimated_ones(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["north", "east", "heading", "yaw_rate", "depth"])
-def test_a_reference_that_another_picture_draws_has_no_row_here(name):
+def test_references_of_other_pictures_are_omitted(name):
     more = {f"truth.{name}": WAVE, f"law.{name}_reference": WAVE}
     assert [row.name for row in tracking_rows(log(**more))] == ["h", "bend"]
 
 
-def test_lines_are_the_signals_and_the_observer_without_measurement_is_beside():
+def test_lines_match_signals_and_unaided_observer_is_shown():
     axes = {a.get_title("left"): a for a in plot_tracking(log()).axes}
     np.testing.assert_allclose(axes["h minus reference"].lines[0].get_ydata(), 3.0)
     wanted = [line for line in axes["bend"].lines if line.get_color() == GREEN]
@@ -56,19 +56,19 @@ def test_lines_are_the_signals_and_the_observer_without_measurement_is_beside():
     assert "without measurement" in axes["bend: estimate minus truth"].get_title("right")
 
 
-def test_the_rms_it_prints_is_that_of_the_rest_of_the_run():
+def test_noted_rms_excludes_the_first_tenth_of_the_run():
     spoilt = 100 * WAVE - 3
     spoilt[: len(T) // 10] = 1e6  # the first tenth does not count
     axes = {a.get_title("left"): a for a in plot_tracking(log(**{"law.h_reference": spoilt})).axes}
     assert axes["h minus reference"].get_title("right").startswith("rms 3 after")
 
 
-def test_a_run_without_references_is_refused():
+def test_rejects_run_without_references():
     with pytest.raises(InputError, match="X_reference"):
         plot_tracking(Log(t=to_seconds(T), ticks=T, signals={"truth.h": WAVE}))
 
 
-def test_the_picture_of_the_run_shows_the_reference_behind_the_signal_and_leaves_idle_terms_out():
+def test_run_picture_shows_reference_and_omits_idle_terms():
     panels = {p.paths[0]: p for p in select_panels(log())}
     assert panels["truth.h"].demand_path == "law.h_reference"
     assert "law.h_reference" not in panels
@@ -76,7 +76,7 @@ def test_the_picture_of_the_run_shows_the_reference_behind_the_signal_and_leaves
     assert "law.busy" in {p.paths[0] for p in select_panels(log(**{"law.busy": np.ones((len(T), 2))}))}
 
 
-def test_two_sigmas_of_a_vector_are_beside_the_error_of_their_state():
+def test_two_sigma_band_of_a_vector_surrounds_the_error():
     sigma = np.stack([np.full(len(T), 0.07), np.full(len(T), 9.0)], axis=1)
     more = {
         "estimate.state.sigma": sigma,
@@ -91,13 +91,13 @@ def test_two_sigmas_of_a_vector_are_beside_the_error_of_their_state():
     assert "two sigmas" not in "".join(text.get_text() for text in bare.texts)
 
 
-def test_a_sigma_of_the_states_own_name_counts_too():
+def test_two_sigma_band_uses_sigma_named_after_the_state():
     figure = plot_tracking(log(**{"estimate.state.sigma_bend": np.full(len(T), 0.2)}))
     axes = {a.get_title("left"): a for a in figure.axes}["bend: estimate minus truth"]
     assert [line.get_ydata()[0] for line in axes.lines if line.get_color() == "black"] == [-0.4, 0.4]
 
 
-def test_a_start_that_lies_outside_the_axes_is_shown_in_an_inset():
+def test_initial_transient_outside_axes_is_shown_in_inset():
     started = WAVE + 0.1 + 5 * np.exp(-to_seconds(T) / 0.03)
     axes = {a.get_title("left"): a for a in plot_tracking(log(**{"estimate.state.bend": started})).axes}
     error = axes["bend: estimate minus truth"]
@@ -110,7 +110,7 @@ def test_a_start_that_lies_outside_the_axes_is_shown_in_an_inset():
     assert not axes["h minus reference"].child_axes
 
 
-def test_a_heading_is_in_degrees_its_error_and_its_sigma_too():
+def test_heading_error_and_sigma_are_in_degrees():
     more = {
         "truth.heading_true": WAVE,
         "law.heading_true_reference": WAVE - 0.2,

@@ -1,4 +1,4 @@
-"""What studies and groups there are follows from the folders."""
+"""Studies and groups are found from the folders."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from trimtab.core.errors import InputError
 NAME = "hovercraft2006"
 
 
-def test_studies_and_groups_are_the_files_with_rows():
+def test_lists_studies_and_groups_that_define_rows():
     assert NAME in study.find_studies()
     found = study.list_groups(NAME)
     folder = study.CLONE / NAME
@@ -31,14 +31,14 @@ def test_groups_are_in_the_order_of_the_publication(tmp_path, monkeypatch):
     assert [g.name for g in study.list_groups("s", ["late"])] == ["late"]
 
 
-def test_unknown_names_are_refused_with_the_choices():
+def test_unknown_study_or_group_name_lists_choices():
     with pytest.raises(InputError, match=r"no such study.*\nChoices: .*\nFix: trimtab reproduce hovercraft2006"):
         study.list_groups("hovercraft")
     with pytest.raises(InputError, match=r"no group 'inertial'.*\nChoices: .*\nFix: only=\[.inertia"):
         study.list_groups(NAME, ["inertia", "inertial"])
 
 
-def test_a_study_of_ones_own_is_given_by_its_folder(tmp_path):
+def test_user_study_is_loaded_from_its_folder(tmp_path):
     folder = tmp_path / "somebody2001"
     folder.mkdir()
     with pytest.raises(InputError, match=r"no __init__\.py"):
@@ -52,7 +52,7 @@ def test_a_study_of_ones_own_is_given_by_its_folder(tmp_path):
     assert [row.verdict for row in group.rows()] == ["holds"]
 
 
-def test_without_a_clone_it_says_where_the_studies_are(tmp_path, monkeypatch):
+def test_missing_clone_error_names_the_source_repository(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "CLONE", tmp_path / "nowhere")
     monkeypatch.chdir(tmp_path)
     assert study.find_studies() == {}

@@ -59,7 +59,7 @@ def read_errata(page):
 
 
 @pytest.mark.parametrize("page", [HOVERCRAFT, HYPERSONIC], ids=lambda p: p.stem)
-def test_entries_are_whole_and_their_modules_exist(page):
+def test_entries_are_complete_and_their_modules_exist(page):
     kinds = re.findall(r"^- \*\*(\w+)\*\*: ", page.read_text(encoding="utf-8"), re.M)
     entries = read_errata(page)
     assert len(entries) >= 46
@@ -76,6 +76,6 @@ def test_known_errors_of_the_hypersonic_source_have_an_entry(words):
     assert [e for e in read_errata(HYPERSONIC) if words in e.where]
 
 
-def test_what_the_hypersonic_source_does_not_print_is_named():
+def test_unprinted_values_of_hypersonic_source_are_listed_as_gaps():
     gaps = " ".join(e.where for e in read_errata(HYPERSONIC) if e.kind == "gap")
     assert [name for name in HYPERSONIC_GAPS if name not in gaps] == []

@@ -1,4 +1,4 @@
-"""The study of marine vehicles: its rows hold, and would not with other numbers; its figures are those of an oracle."""
+"""The study of marine vehicles: its rows hold, they fail with changed parameters, and its figures match an oracle."""
 
 from functools import cache
 
@@ -24,7 +24,7 @@ def rows_of(name):
 
 @pytest.mark.thorough("remus-flights", "manoeuvres")
 @pytest.mark.parametrize("name", GROUPS)
-def test_rows_hold_or_say_why_not(name):
+def test_rows_hold_or_give_a_reason(name):
     rows = rows_of(name)
     assert len({r.id for r in rows}) == len(rows) >= 8
     assert [r.id for r in rows if r.fails] == []
@@ -32,7 +32,7 @@ def test_rows_hold_or_say_why_not(name):
 
 
 @pytest.mark.thorough
-def test_the_front_page_counts_what_the_rows_say():
+def test_front_page_counts_match_the_rows():
     assert stated_counts("fossen") == row_counts([row for name in GROUPS for row in rows_of(name)])
 
 
@@ -45,8 +45,8 @@ def test_pictures_are_written(name, tmp_path):
 
 
 @pytest.mark.thorough
-def test_the_flights_are_those_of_the_oracle():
-    """Quaternions about the centre of mass here, Euler angles about that of buoyancy there."""
+def test_remus_turn_matches_the_oracle():
+    """The study uses quaternions about the centre of mass, the oracle Euler angles about the centre of buoyancy."""
     flight = remus_flights.turn()
 
     def fins(t):
@@ -66,7 +66,7 @@ def test_the_flights_are_those_of_the_oracle():
 @pytest.mark.parametrize(
     ("field", "share"), [("Nrr", 1.2), ("Nuv", 1.2), ("Yvv", 0.1), ("Xuu", 1.1), ("Nuudr", 1.3), ("Muw", 1.3)]
 )
-def test_other_coefficients_fly_otherwise(field, share, monkeypatch):
+def test_rows_fail_with_changed_hydrodynamic_coefficients(field, share, monkeypatch):
     hull = Torpedo().hull
     other = replace(hull, **{field: getattr(hull, field) * share})
     monkeypatch.setattr(remus_flights, "Torpedo", lambda **about: replace(Torpedo(**about), hull=other))
@@ -79,12 +79,12 @@ def test_other_coefficients_fly_otherwise(field, share, monkeypatch):
 
 
 @pytest.mark.parametrize(("number", "share"), [("D", 1.05), ("C", 0.95), ("THETA", 1.1), ("FIN_RADIUS", 1.1)])
-def test_another_hull_has_other_rows(number, share, monkeypatch):
+def test_hull_rows_fail_with_changed_geometry(number, share, monkeypatch):
     monkeypatch.setattr(_hull, number, getattr(_hull, number) * share)
     assert [r.id for r in remus_hull.rows() if r.fails]
 
 
-def test_the_hull_joins_without_a_step_and_an_ellipsoid_has_lambs_factors():
+def test_hull_radius_is_continuous_and_matches_lamb_for_sphere():
     for s in (_hull.NOSE_END, _hull.BODY):
         assert _hull.radius(s - 1e-9) == pytest.approx(_hull.radius(s + 1e-9), abs=1e-6)
     assert _hull.radius(_hull.BODY + _hull.C) == pytest.approx(0.0, abs=1e-12), "the tail's lines end in a point"
@@ -95,8 +95,8 @@ def test_the_hull_joins_without_a_step_and_an_ellipsoid_has_lambs_factors():
         assert _hull.axial_added_mass() == pytest.approx(sphere, rel=3e-3), "of a sphere half its water"
 
 
-def test_the_mariner_answers_as_its_two_equations_do():
-    """Nomoto's transfer function against v and r integrated: 100 s after a step of the rudder."""
+def test_mariner_step_response_matches_integrated_equations():
+    """Compare Nomoto's transfer function with v and r integrated for 100 s after a rudder step."""
     k = ships.mariner_steering()
     T = ships.LENGTH / ships.SPEED
     M = np.array([
@@ -111,7 +111,7 @@ def test_the_mariner_answers_as_its_two_equations_do():
     assert flown == pytest.approx(k.K * (1 - a1 * np.exp(-t / k.T1) - a2 * np.exp(-t / k.T2)), rel=1e-6)
 
 
-def test_cyberships_straight_run_is_the_oracles():
+def test_cybership_straight_run_matches_the_oracle():
     for rpm, speed, root in ((1000, 0.58180, 0.77399), (2000, 1.00876, 1.40646)):
         low, high = 0.0, 3.0
         for _ in range(60):
@@ -129,13 +129,13 @@ def test_cyberships_straight_run_is_the_oracles():
 
 
 @pytest.mark.thorough
-def test_a_flight_may_be_asked_at_any_time():
+def test_flight_is_interpolated_at_any_time():
     flight = _flights.fly_fins(Torpedo(buoyancy=299.0), lambda t: 0.0, lambda t: 0.0, 1.0)
     assert flight.at(0.01, flight.t) == pytest.approx(0.01)
 
 
 @pytest.mark.thorough
-def test_the_manoeuvres_are_those_of_the_oracle_and_of_no_other_ship(monkeypatch):
+def test_mariner_manoeuvres_match_oracle_and_reject_another_ship(monkeypatch):
     from oracles import mariner
 
     for rudder, wanted in manoeuvres.CIRCLES.items():

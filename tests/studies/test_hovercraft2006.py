@@ -1,4 +1,4 @@
-"""The study of [1] Z. Kulis 2006: rows that must hold do, the others say why they don't."""
+"""The study of [1] Z. Kulis 2006: rows that must hold do; the others state the reason."""
 
 from functools import cache
 
@@ -35,7 +35,7 @@ def rows_of(group):
 
 @pytest.mark.thorough("stabilisability", "control-laws", "radio-links", "ultrasonic-cone")
 @pytest.mark.parametrize("group", CASES)
-def test_rows_hold_or_say_why_not(group):
+def test_rows_hold_or_give_a_reason(group):
     rows = rows_of(group)
     assert rows
     assert [r.id for r in rows if r.fails] == []
@@ -46,7 +46,7 @@ def test_rows_hold_or_say_why_not(group):
 
 
 @pytest.mark.thorough
-def test_every_printed_latency_has_its_row():
+def test_every_printed_latency_has_a_row():
     """Table 5.1: five pairs, three paths; mean and deviation of each, and the greatest of the single paths."""
     (group,) = list_groups("hovercraft2006", ["radio-links"])
     rows = {r.id: r for r in rows_of(group)}
@@ -58,7 +58,7 @@ def test_every_printed_latency_has_its_row():
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
-def test_the_front_page_counts_what_the_rows_say():
+def test_front_page_counts_match_the_rows():
     rows = [row for group in GROUPS for row in rows_of(group)]
     assert stated_counts("hovercraft2006") == row_counts(rows)
 
@@ -69,7 +69,7 @@ LONG = [pytest.param(g, id=g.name, marks=pytest.mark.thorough) for g in GROUPS i
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("group", [*QUICK, *LONG])
-def test_pictures_are_written_under_their_figures_names(group, tmp_path):
+def test_pictures_are_named_after_the_published_figures(group, tmp_path):
     files = list(group.figures(tmp_path))
     assert files
     assert all(f.read_bytes().startswith(b"\x89PNG") for f in files)

@@ -1,4 +1,4 @@
-"""The study of the hypersonic vehicle: rows that must hold do, the others say why not.
+"""The study of the hypersonic vehicle: rows that must hold do; the others state the reason.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -30,7 +30,7 @@ def rows_of(name):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("group", CASES)
-def test_rows_hold_or_say_why_not(group):
+def test_rows_hold_or_give_a_reason(group):
     rows = rows_of(group.name)
     assert rows
     assert [r.id for r in rows if r.fails] == []
@@ -42,7 +42,7 @@ def test_rows_hold_or_say_why_not(group):
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
-def test_the_front_page_counts_what_the_rows_say():
+def test_front_page_counts_match_the_rows():
     assert stated_counts(NAME) == row_counts([row for group in GROUPS for row in rows_of(group.name)])
 
 
@@ -55,7 +55,7 @@ def test_groups_are_in_the_order_of_the_equations():
 
 
 @pytest.mark.thorough
-def test_every_printed_number_of_the_matrices_has_its_row():
+def test_every_printed_matrix_entry_has_a_row():
     """[1] eq. 12: 34 numbers in rows 4, 5, 7 and 9; eight fixed a constant and one is 1 in any model: 25 are left."""
     rows = {r.id: r for r in rows_of("printed-matrices")}
     for letter, matrix in (("A", A_PRINTED), ("B", B_PRINTED)):
@@ -69,8 +69,8 @@ def test_every_printed_number_of_the_matrices_has_its_row():
 
 
 @pytest.mark.thorough
-def test_what_is_compared_with_the_oracle_comes_from_its_table():
-    """Basis "reference" is for nothing else: the compared number is one of the table, or nothing at all."""
+def test_reference_values_come_from_the_oracle_table():
+    """A row with basis "reference" compares with a number of the oracle's table, or with no number."""
     numbers = np.concatenate([np.ravel(v) for v in oracle_values().values()])
     for name in QUICK:
         for row in rows_of(name):
@@ -79,7 +79,7 @@ def test_what_is_compared_with_the_oracle_comes_from_its_table():
 
 
 @pytest.mark.thorough
-def test_every_printed_entry_of_the_gain_has_its_row():
+def test_every_printed_gain_entry_has_a_row():
     """[1] printed K: 18 entries, none reproduced, for its weights are not printed; lost with either sign."""
     rows = {r.id: r for r in rows_of("printed-gain")}
     for i, j in np.ndindex(2, 9):
@@ -89,8 +89,8 @@ def test_every_printed_entry_of_the_gain_has_its_row():
 
 
 @pytest.mark.thorough
-def test_every_setting_of_the_filter_stands_beside_no_measurement():
-    """An error that vanishes proves nothing by itself."""
+def test_every_filter_setting_is_compared_with_no_measurement():
+    """A vanishing error alone is no evidence: it may vanish without any measurement."""
     rows = [r for r in rows_of("filter") if r.id.startswith("table/")]
     assert len(rows) == 4 * 3 * 4
     assert all(r.id.startswith("table/none/") or r.note.startswith("Without measurement: ") for r in rows)
@@ -99,14 +99,14 @@ def test_every_setting_of_the_filter_stands_beside_no_measurement():
 
 
 @pytest.mark.thorough
-def test_pictures_of_the_closed_loop(tmp_path):
+def test_closed_loop_pictures_are_written(tmp_path):
     (group,) = list_groups(NAME, ["closed-loop"])
     files = list(group.figures(tmp_path))
     assert len(files) == 4
     assert all(f.read_bytes().startswith(b"\x89PNG") for f in files)
 
 
-def test_the_page_of_the_study_names_every_group_of_the_source():
+def test_study_page_names_every_group():
     page = (PAGES / "studies" / "hypersonic2022.md").read_text(encoding="utf-8")
     own = [g.name for g in GROUPS if g.name not in ("further-work", "elevator-trade", "plane-truth")]
     assert [n for n in own if f"`{n}`" not in page] == []

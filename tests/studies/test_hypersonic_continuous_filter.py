@@ -1,4 +1,4 @@
-"""The published, continuous filter of the modes: its equations, what they come to, and how little the printed ones do.
+"""The published continuous filter of the modes: its equations, its steady state, and the effect of the printed setting.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -22,8 +22,8 @@ def _model():
 
 
 @pytest.mark.thorough
-def test_it_is_the_differential_equation_at_the_trim():
-    """Oracle: eta and the Riccati equation in one by scipy, where flight, input and measurement stand still."""
+def test_filter_matches_the_riccati_equation_at_trim():
+    """Oracle: scipy integrates eta and the Riccati equation together at constant state, input and measurement."""
     _, x, _ = trim()
     A, C = _model()
     truth = np.array([float(getattr(x, n)) for n in NAMES])
@@ -44,7 +44,7 @@ def test_it_is_the_differential_equation_at_the_trim():
         np.testing.assert_allclose(P[k], want[4:, i].reshape(4, 4), rtol=1e-4, atol=1e-6)
 
 
-def test_its_covariance_settles_at_the_algebraic_equation():
+def test_covariance_converges_to_the_algebraic_riccati_solution():
     A, C = _model()
     one = to_arrays(ContinuousModeFilter(R=1e-4, substeps=2))
     eta, P = np.zeros(4), 1e-3 * np.eye(4)
@@ -57,8 +57,8 @@ def test_its_covariance_settles_at_the_algebraic_equation():
 
 
 @pytest.mark.thorough
-def test_printed_setting_is_the_observer_without_measurement():
-    """Oracle, filter: with R = 10 as a density the gain is all but nothing: errors within 1 % of no-update."""
+def test_printed_setting_equals_observer_without_measurement():
+    """With R = 10 as a density, the gain is almost zero: the errors are within 1 % of a filter without updates."""
     none = np.asarray(fly(*trim(), FlexibleModeFilter(corrects=False), noise=0.0)[0])
     printed = np.asarray(fly(*trim(), ContinuousModeFilter(), noise=0.0)[0])
     for window in ((0, 1), (4, 5), (9, 10)):
@@ -67,8 +67,8 @@ def test_printed_setting_is_the_observer_without_measurement():
 
 
 @pytest.mark.thorough
-def test_as_flown_is_the_limit_of_as_published():
-    """The same densities in both: R of a sample is R/dt. Errors after the start agree to the length of the step."""
+def test_discrete_filter_approximates_the_published_continuous_filter():
+    """Both use the same densities: the variance of a sample is R/dt. After the start, errors agree to the step size."""
     continuous = ContinuousModeFilter(Q=(1e-4, 1.0, 1e-4, 1.0), R=0.02)
     discrete = FlexibleModeFilter(Q=(1e-4, 1.0, 1e-4, 1.0), R=0.02 / DT, P0=(1.0,) * 4)
     errors = [np.asarray(fly(*trim(), one, noise=0.0)[0]) for one in (continuous, discrete)]
@@ -77,7 +77,7 @@ def test_as_flown_is_the_limit_of_as_published():
     assert np.abs(errors[0] - errors[1]).max() > 0
 
 
-def test_a_step_too_long_for_the_gain_is_refused():
+def test_rejects_step_too_long_for_the_gain():
     ContinuousModeFilter().check()
     stiff = {"R": 5e-7, "P0": (1.0, 100.0, 1.0, 100.0)}
     with pytest.raises(InputError, match="too fast for steps"):

@@ -19,7 +19,7 @@ from trimtab.vehicles.hypersonic import Hypersonic
 
 
 @pytest.mark.thorough
-def test_level_flight_stays_also_where_the_plants_modes_are_others():
+def test_level_flight_is_an_equilibrium_with_detuned_modes():
     assumed = Hypersonic()
     at = level_trim(assumed, loop.H, loop.V)
     plant = replace(assumed, modes=assumed.modes.detune(0.9))
@@ -30,8 +30,8 @@ def test_level_flight_stays_also_where_the_plants_modes_are_others():
 
 
 @pytest.mark.thorough
-def test_motions_are_those_of_the_gain_and_of_the_filter(monkeypatch):
-    """The oracle's poles in continuous time: near them every 1 ms, with an exact model."""
+def test_loop_poles_match_gain_and_filter_poles_of_oracle(monkeypatch):
+    """With a 1 ms step and an exact model, the poles are close to the oracle's continuous-time poles."""
     monkeypatch.setattr(loop, "TICK", ms(1))
     F, _ = loop.loop_matrices(EQUAL_Q, 5e-4, K_FLOWN)
     found = np.linalg.eigvals(F)
@@ -41,13 +41,13 @@ def test_motions_are_those_of_the_gain_and_of_the_filter(monkeypatch):
 
 
 @pytest.mark.thorough
-def test_slowest_motion():
+def test_growth_rate_matches_slowest_pole_of_oracle():
     """The oracle's slowest pole."""
     assert loop.growth_rate(EQUAL_Q, 1e-4) == pytest.approx(-0.2266, abs=1e-4)
 
 
 @pytest.mark.thorough
-def test_without_feedback_of_the_modes_all_is_lost():
+def test_loop_is_unstable_without_feedback_of_flexible_modes():
     """The oracle's `gain/blind`: the columns of the modes set to zero, the fastest growth is +2.05 1/s."""
     K = np.array(K_FLOWN)
     K[:, 5:] = 0.0
@@ -55,7 +55,7 @@ def test_without_feedback_of_the_modes_all_is_lost():
 
 
 @pytest.mark.thorough
-def test_noise_in_the_long_run_is_that_of_stepping_the_loop():
+def test_steady_state_noise_matches_stepped_loop():
     F, N = loop.loop_matrices(EQUAL_Q, 1e-4, K_FLOWN)
     g = np.random.default_rng(0)
     z, total, count = np.zeros((20, 400)), 0.0, 0
@@ -67,7 +67,7 @@ def test_noise_in_the_long_run_is_that_of_stepping_the_loop():
 
 
 @pytest.mark.thorough
-def test_verdicts_on_ten_per_cent_off():
+def test_stability_verdicts_for_ten_percent_detuned_modes():
     """The shipped filter holds errors of 10 %, one with Qacc = 1 is marginal at 0.90, the printed one fails."""
     assert loop.loop_quality().worst < -0.1
     assert loop.growth_rate((1e-5, 1.0, 1e-5, 1.0), 1e-4, detuned=(0.9, 0.9)) > 0
@@ -76,7 +76,7 @@ def test_verdicts_on_ten_per_cent_off():
 
 
 @pytest.mark.thorough
-def test_two_seeds_with_modes_ten_per_cent_off():
+def test_shipped_filter_survives_and_printed_fails_with_detuned_modes():
     shipped, printed = trade.fly_detuned((trade.EQUAL, trade.PRINTED), seeds=2)
     assert not shipped.lost.any()
     assert shipped.h.max() < 0.027
@@ -84,7 +84,7 @@ def test_two_seeds_with_modes_ten_per_cent_off():
 
 
 @pytest.mark.thorough
-def test_growth_is_that_of_a_flight():
+def test_growth_rate_matches_a_simulated_flight():
     """Qacc = 1 on both modes, both frequencies 0.90: the oscillation of eta1's error, logarithm of its size by time."""
     setting = trade.EQUAL_SETTINGS[0]
     flown = trade.noise.scenario(integral="off")

@@ -20,14 +20,14 @@ COUNT = len(campaign.COEFFICIENTS)
 
 
 def only(**factors):
-    """One plant (1, 37), nominal but for these."""
+    """Return the factors (1, 37) of one plant, nominal except for the given ones."""
     found = np.ones((1, COUNT))
     for name, value in factors.items():
         found[0, campaign.NAMES.index(name)] = value
     return found
 
 
-def test_every_number_of_the_vehicle_is_varied_or_said_to_be_kept():
+def test_every_vehicle_parameter_is_varied_or_listed_as_kept():
     numbers = {path for path, value, _ in leaves(Hypersonic()) if isinstance(value, float)}
     assert numbers == {*campaign.COEFFICIENTS, *campaign.KEPT}
     assert len(set(campaign.NAMES)) == COUNT == 37
@@ -42,8 +42,8 @@ def test_draws_are_uniform_independent_and_repeatable():
 
 
 @pytest.mark.thorough
-def test_plants_without_level_flight_are_those_that_the_search_for_a_trim_refuses():
-    """A quick search over many plants beside the thorough one, plant by plant."""
+def test_plants_without_level_flight_match_the_trim_search():
+    """Compare the fast search over many plants with the thorough search of each plant."""
     rows = [only(), only(ce=0.45), only(m=2.5), only(CM_0=1.2), only(b7=0.2, b5=0.2)]
     factors = np.concatenate(rows)
     crafts = campaign.build_plants(factors)
@@ -62,7 +62,7 @@ def test_plants_without_level_flight_are_those_that_the_search_for_a_trim_refuse
 
 
 def numbers_of(craft):
-    """The only plant of a record of arrays."""
+    """Return the single plant in a record of arrays."""
     return jax.tree.map(lambda v: float(np.ravel(v)[0]), craft)
 
 
@@ -72,7 +72,7 @@ def ends():
 
 
 @pytest.mark.thorough
-def test_what_fails_and_why():
+def test_failures_are_classified_by_cause():
     """Mode 2 at 0.75 is beyond the filter; a moment 10 % off leaves an offset that integral action removes."""
     factors = np.concatenate([only(), only(w2=0.75), only(CM_0=1.1), only(CM_0=1.1, ce=0.45)])
     kinds = np.zeros(4, int)
@@ -88,7 +88,7 @@ def test_what_fails_and_why():
 
 
 @pytest.mark.thorough
-def test_a_run_is_that_of_the_same_plant_flown_alone():
+def test_campaign_run_equals_single_flight_of_same_plant():
     factors, kind = campaign.draw_factors(0.1, 3, 5), campaign.KINDS.index("lift step")
     craft = numbers_of(campaign.build_plants(factors[2:]))
     plant = replace(craft, disturbance=campaign.DISTURBANCES["lift step"])
@@ -103,7 +103,7 @@ def test_a_run_is_that_of_the_same_plant_flown_alone():
 
 
 def planted(limits):
-    """Instead of a flight: success while each named factor is within (low, high)."""
+    """Replacement for a flight: success if each named factor is within (low, high)."""
 
     def fly(factors, kinds, *, integral, seeds=None):
         good = np.ones(len(factors), bool)
@@ -125,7 +125,7 @@ def unremembered():
         function.cache_clear()
 
 
-def test_thresholds_are_found_from_both_sides(monkeypatch, unremembered):
+def test_failure_thresholds_are_found_in_both_directions(monkeypatch, unremembered):
     monkeypatch.setattr(ranking, "fly_plants", planted({"w2": (0.843, 9.0), "ce": (0.6, 1.05), "m": (0.0, 1.004)}))
     found = ranking.failure_thresholds(True)
     at = campaign.NAMES.index
@@ -139,7 +139,7 @@ def test_thresholds_are_found_from_both_sides(monkeypatch, unremembered):
 
 
 @pytest.mark.thorough
-def test_indices_are_those_of_a_success_that_is_known(monkeypatch, unremembered):
+def test_sobol_indices_match_closed_form_success_function(monkeypatch, unremembered):
     """Success is that two factors uniform in 0.7 to 1.3 exceed 0.9 and 0.8: p = 2/3 and 5/6, in closed form.
 
     The first-order index of x is Var(E[y|x])/Var(y) = q^2 p (1 - p)/(p q (1 - p q)), the total one p q (1 - p)/(...).
@@ -158,7 +158,7 @@ def test_indices_are_those_of_a_success_that_is_known(monkeypatch, unremembered)
     assert ranking.rank_names(found.total, ranking.FACTORS, most=True)[:2] == ["w2", "ce"]
 
 
-def test_agreement_of_rankings():
+def test_rank_correlation_handles_infinite_thresholds():
     assert ranking.rank_correlation([3.0, 2.0, 1.0], np.array([0.1, 0.2, np.inf])) == pytest.approx(1.0)
     assert ranking.rank_correlation([1.0, 2.0, 3.0], np.array([0.1, 0.2, np.inf])) == pytest.approx(-1.0)
 

@@ -31,7 +31,7 @@ NAME = "hypersonic2022"
 
 
 def set_defaults(patch, kind, **values):
-    """The record is made with these values where none are given."""
+    """Change the default values of a record."""
     init = kind.__init__
     parameters = inspect.signature(init).parameters.values()
     names = [p.name for p in parameters if p.default is not p.empty]
@@ -44,7 +44,7 @@ def module(name):
 
 
 def vehicle(patch, **factors):
-    """Numbers of the vehicle times factors, flown and assumed; __ stands for the dot of a path."""
+    """Scale parameters of the true and the assumed vehicle; __ stands for the dot of a path."""
     craft = Hypersonic()
     for path, factor in factors.items():
         craft = scale(craft, path.split("__"), factor)
@@ -65,7 +65,7 @@ def scale(value, path, factor):
 
 
 def foreign_terms(patch):
-    """Terms that eqs. 1-3 have not: pitch rate in Q' and in the modes, angle of attack in its own rate."""
+    """Add terms missing from eqs. 1-3: pitch rate in Q' and in the modes, angle of attack in its own rate."""
     dynamics = Hypersonic.dynamics
 
     def changed(self, t, x, u):
@@ -78,7 +78,7 @@ def foreign_terms(patch):
 
 
 def misprint(patch, letter, i, j):
-    """One printed number copied wrongly, one per cent off."""
+    """Change one printed number by one per cent."""
     for name in ("printed_matrices", "printed_gain"):
         group = module(name)
         if hasattr(group, letter):
@@ -88,12 +88,12 @@ def misprint(patch, letter, i, j):
 
 
 def own_trim(patch):
-    """The emulation of the printed matrices at the model's own angle of attack, not at the quoted one."""
+    """Emulate the printed matrices at the model's own angle of attack instead of the quoted one."""
     patch.setattr(hypersonic_printed, "QUOTED_ALPHA", 0.02787)
 
 
 def rough_riccati(patch):
-    """The regulator's P a thousandth off."""
+    """Change the regulator's P by one part in a thousand."""
     gains = module("gains")
     exact = gains.feedback_gain
 
@@ -105,7 +105,7 @@ def rough_riccati(patch):
 
 
 def filter_setting(patch, **changes):
-    """The published filter flown with other settings."""
+    """Fly the published filter with other settings."""
     published = FlexibleModeFilter.from_publication
     patch.setattr(FlexibleModeFilter, "from_publication", staticmethod(lambda **more: published(**{**changes, **more})))
 
@@ -128,20 +128,20 @@ def turned_feedback(patch):
 
 
 def no_adaptation(patch):
-    """The robust terms learn nothing, whatever their constants."""
+    """Disable the adaptation of the robust terms."""
     choose = _flight._choose_robust_terms
     patch.setattr(_flight, "_choose_robust_terms", lambda *given: replace(choose(*given), q0=0.0, q1=0.0))
     patch.setattr(module("closed_loop_mismatch"), "change_robust", lambda scenario, **changes: scenario)
 
 
 def wide_limits(patch):
-    """Engine and elevator that can do far more."""
+    """Widen the limits of engine and elevator."""
     limits = InputLimits(Phi_low=0.0, Phi_high=50.0, delta_low=-1.4, delta_high=1.4)
     set_defaults(patch, StableInversion, limits=limits)
 
 
 def inner_solution(patch, ends=0.0, **named):
-    """The bounded solution with other ends (by parts of the states' sizes), or another tolerance."""
+    """Compute the bounded solution with other end values (in parts of the states' sizes) or another tolerance."""
     exact = _internal.bounded_solution
 
     def changed(psi: Any, A: Any, start: Any, dt: float, *, left: Any, right: Any, scales: Any) -> Any:
@@ -152,22 +152,22 @@ def inner_solution(patch, ends=0.0, **named):
 
 
 def slow_command(patch):
-    """The command's filters at another bandwidth."""
+    """Change the bandwidth of the command filters."""
     set_defaults(patch, FilteredClimb, wh=0.05, wV=0.05)
 
 
 def true_modes(patch):
-    """A plant whose modes are off has those of the model after all."""
+    """Give a plant with detuned modes the modes of the model."""
     patch.setattr(FlexibleModes, "detune", lambda self, *factors: self)
 
 
 def harmless_gain(patch):
-    """The printed gain does nothing."""
+    """Set the printed gain to zero effect."""
     patch.setattr(printed_gains, "K_PRINTED", np.zeros((2, 9)))
 
 
 def loud_noise(patch):
-    """Flown with five times the noise that linear theory is told of."""
+    """Fly with five times the noise that linear theory assumes."""
     trade = module("_trade")
     names, size = inspect.signature(trade.fly_noise).parameters, trade.NOISE
     assert list(names)[-1] == "size"
@@ -175,7 +175,7 @@ def loud_noise(patch):
 
 
 def exchanged_weights(patch):
-    """What is said to be better has its weights the wrong way round."""
+    """Exchange the weights of the improved setting."""
     worse = replace_setting(module("_trade").BETTER)
     for name in ("_trade", "elevator_trade", "further_work"):
         patch.setattr(module(name), "BETTER", worse)
@@ -187,12 +187,12 @@ def replace_setting(setting):
 
 
 def modes_as_assumed(patch):
-    """Plants that are said to be detuned are not."""
+    """Fly nominal plants in place of detuned ones."""
     patch.setattr(module("_trade"), "DETUNED", ((1.0, 1.0),) * len(module("_trade").DETUNED))
 
 
 def turned_settings(patch):
-    """Each setting flown with the sign of its gain the wrong way round."""
+    """Fly each setting with the sign of its gain reversed."""
     trade = module("_trade")
     fly = trade._fly_settings
 
@@ -203,7 +203,7 @@ def turned_settings(patch):
 
 
 def strong_disturbances(patch):
-    """A hundred times what is stated."""
+    """Multiply the stated disturbances by a hundred."""
     campaign = module("_campaign")
     stronger = {
         kind: replace(d, moment=100 * d.moment, along=100 * d.along, normal=100 * d.normal)
@@ -213,7 +213,7 @@ def strong_disturbances(patch):
 
 
 def turned_law(patch):
-    """The campaign's law with the sign of its gain the wrong way round."""
+    """Reverse the sign of the gain of the campaign's law."""
     campaign = module("_campaign")
     build = campaign.build_scenario.__wrapped__
 
@@ -226,7 +226,7 @@ def turned_law(patch):
 
 
 def turned_plane_law(patch):
-    """In the less kind truth, with the sign of the law's gain the wrong way round; few flights tell."""
+    """Reverse the sign of the law's gain in the less favourable plant; few flights are enough."""
     plane = module("_plane")
     build = plane.build_plane.__wrapped__
 
@@ -240,7 +240,7 @@ def turned_plane_law(patch):
 
 
 def plane_as_assumed(patch):
-    """In the less kind truth, modes that are said to be detuned are not: no measurement is needed."""
+    """Use nominal modes in place of detuned ones in the less favourable plant, where no measurement is needed."""
     patch.setattr(module("_plane"), "SEEDS", 2)
     patch.setattr(module("_plane"), "FREQUENCIES", ("1.00", "1.00"))
 
@@ -295,7 +295,7 @@ def _forget():
 
 
 def forget():
-    """Nothing that was computed before is used."""
+    """Clear all caches of computed results."""
     for name, loaded in list(sys.modules.items()):
         if name.startswith((f"studies.{NAME}", "trimtab.scenarios.hypersonic")):
             for value in list(vars(loaded).values()):
@@ -304,7 +304,7 @@ def forget():
 
 
 def verdicts(group):
-    """Row's id -> whether it holds, of those that can be computed."""
+    """Map the id of each computable row to its verdict."""
     found: dict[str, bool] = {}
     try:
         for row in import_study(group.file).rows():
@@ -315,7 +315,7 @@ def verdicts(group):
 
 
 def surviving_rows(name):
-    """Rows of a group that hold, and hold under each of its perturbations."""
+    """Return the rows of a group that hold under every perturbation of the group."""
     (group,) = list_groups(NAME, [name])
     left = {id for id, holds in verdicts(group).items() if holds}
     assert left
@@ -335,12 +335,12 @@ def surviving_rows(name):
 @pytest.mark.thorough
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", CASES)
-def test_each_row_that_holds_fails_under_a_perturbation(name):
+def test_each_holding_row_fails_under_a_perturbation(name):
     assert sorted(surviving_rows(name)) == []
 
 
 @pytest.mark.thorough
-def test_a_perturbation_is_undone():
+def test_perturbation_is_undone_afterwards():
     (group,) = list_groups(NAME, ["trim-and-model"])
     before = verdicts(group)
     with pytest.MonkeyPatch.context() as patch:

@@ -1,4 +1,4 @@
-"""NASA's check-cases: each signal stays among NASA's simulations, and would not in another world."""
+"""NASA's check-cases: each signal stays within NASA's simulations and leaves them with a perturbed model."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def test_pictures_are_written(name, tmp_path):
 
 
 @pytest.mark.thorough
-def test_all_cases_and_their_terms_are_there():
+def test_all_cases_and_the_licence_are_present():
     assert sorted(p.stem for p in DATA.glob("*.csv")) == sorted([*_flights.cases(), *jet_cases()])
     assert "NASA OPEN SOURCE AGREEMENT" in (DATA / "LICENSE").read_text(encoding="utf-8")
     for case in _flights.cases():
@@ -47,7 +47,7 @@ def test_all_cases_and_their_terms_are_there():
 
 
 @pytest.mark.thorough
-def test_half_the_step_changes_nothing_that_a_band_could_see():
+def test_halving_the_step_size_leaves_signals_unchanged():
     for case in ("02", "03", "10"):
         fine = _flights.fly(case, 30, _flights.STEP / 2)
         for signal in SIGNALS:
@@ -56,19 +56,19 @@ def test_half_the_step_changes_nothing_that_a_band_could_see():
 
 
 def other_world(case, **changes):
-    """The body of a case with parts of it changed."""
+    """Return a case with parts of its body changed."""
     was = _flights.cases()[case]
     body = replace(was.body, **changes)
     return was._replace(body=body)
 
 
 WORLDS = {
-    "no bulge": ("06", lambda b: {"earth": replace(b.earth, j2=0.0)}, "altitudeMsl_ft"),
-    "earth stands still below": ("01", lambda b: {"earth": replace(b.earth, rate=0.0)}, "feVelocity_ft_s_Y"),
-    "a thousandth more drag": ("06", lambda b: {"aerodynamics": replace(b.aerodynamics, drag=0.1001)}, "mach"),
-    "wind from the other side": ("07", lambda b: {"wind": Wind(east=-6.096)}, "feVelocity_ft_s_Y"),
-    "shear upside down": ("08", lambda b: {"wind": Wind(east=-6.096, east_shear=-0.003)}, "longitude_deg"),
-    "another moment of inertia": ("02", lambda b: {"inertia": b.inertia * np.array([1.1, 1, 1])}, "eulerAngle_deg_Yaw"),
+    "no J2 term": ("06", lambda b: {"earth": replace(b.earth, j2=0.0)}, "altitudeMsl_ft"),
+    "non-rotating earth": ("01", lambda b: {"earth": replace(b.earth, rate=0.0)}, "feVelocity_ft_s_Y"),
+    "drag +0.1 %": ("06", lambda b: {"aerodynamics": replace(b.aerodynamics, drag=0.1001)}, "mach"),
+    "reversed wind": ("07", lambda b: {"wind": Wind(east=-6.096)}, "feVelocity_ft_s_Y"),
+    "reversed wind shear": ("08", lambda b: {"wind": Wind(east=-6.096, east_shear=-0.003)}, "longitude_deg"),
+    "moment of inertia +10 %": ("02", lambda b: {"inertia": b.inertia * np.array([1.1, 1, 1])}, "eulerAngle_deg_Yaw"),
     "less damping": (
         "03",
         lambda b: {"aerodynamics": replace(b.aerodynamics, pitch_damping=-0.9)},
@@ -79,7 +79,7 @@ WORLDS = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("world", WORLDS)
-def test_in_another_world_a_signal_leaves_the_band(world, monkeypatch):
+def test_signal_leaves_the_band_with_a_perturbed_model(world, monkeypatch):
     case, change, signal = WORLDS[world]
     other = other_world(case, **change(_flights.cases()[case].body))
     monkeypatch.setattr(_flights, "cases", lambda: {case: other})

@@ -1,4 +1,4 @@
-"""Every row of the hovercraft's study that holds stops holding in some other world: no row is true of whatever flies.
+"""Every row of the hovercraft's study that holds fails on at least one perturbed model.
 
 For each group the worlds in which its rows are computed again: a heavier vehicle, another fan, late or quiet sensors, a
 law with another gain. A row that holds in all of them would say nothing.
@@ -50,13 +50,13 @@ def craft(module, **changes):
     return Patch(module, "CRAFT", lambda c: replace(c, **given, **{n: getattr(c, n) * f for n, f in factors.items()}))
 
 
-def anew(module, name):
-    """The same function as another object, so that what was compiled of it before is not taken."""
+def fresh_copy(module, name):
+    """Return a copy of the function, so that its compiled version is not reused."""
     return Patch(module, name, lambda f: lambda *args: f(*args))
 
 
 def flights(*modules, only="", **settings):
-    """Settings of every flight, or of those with a word in their name; dots are written as two underscores."""
+    """Change settings of every flight, or of flights with a word in their name; two underscores stand for a dot."""
     paths = {path.replace("__", "."): str(value) for path, value in settings.items()}
 
     def change(load):
@@ -66,7 +66,7 @@ def flights(*modules, only="", **settings):
 
 
 def unlimited():
-    """Fan and rudder without limits."""
+    """Remove the limits of fan and rudder."""
 
     def change(load):
         return lambda name, chosen=(): load(name, chosen).without("saturation")
@@ -75,7 +75,7 @@ def unlimited():
 
 
 def rig(only="", **settings):
-    """Settings of the platform's flights."""
+    """Change settings of the platform's flights."""
     paths = {path.replace("__", "."): str(value) for path, value in settings.items()}
 
     def change(load):
@@ -94,7 +94,7 @@ def forced(**choices):
 
 
 def scaled(module, name, gain=1.0, about=None):
-    """A function whose result is `gain` times as much, or as far from its mean."""
+    """Scale the result of a function, or its deviation from the mean, by `gain`."""
 
     def change(function):
         def call(*args, **kwargs):
@@ -125,7 +125,7 @@ WORLDS: dict[str, dict[str, list[Patch]]] = {
     },
     "stabilisability": {
         "a torque of its own": [Patch("stabilisability", "INPUTS", lambda n: n + 1)],
-        "arm +10 %": [craft("stabilisability", arm=1.1), anew("stabilisability", "_turning_dynamics")],
+        "arm +10 %": [craft("stabilisability", arm=1.1), fresh_copy("stabilisability", "_turning_dynamics")],
         "on a rail": [Patch("stabilisability", "_f2", lambda f: lambda x1, x2: f(x1, x2).at[2].set(0.0))],
     },
     "rudder-and-thrust": {
@@ -224,20 +224,20 @@ CASES = [pytest.param(g, id=g.name, marks=[pytest.mark.thorough] if g.name in LO
 
 
 def holding_rows(group):
-    """Ids of the rows that hold in the world as it is patched now."""
+    """Return the ids of the rows that hold with the current patches."""
     for function in CACHED:
         function.cache_clear()
     return {row.id for row in group.rows() if row.holds}
 
 
-def test_every_group_has_its_worlds():
+def test_every_group_has_perturbed_models():
     assert set(WORLDS) == {group.name for group in GROUPS}
 
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("group", CASES)
-def test_every_row_fails_in_some_other_world(group, monkeypatch):
+def test_every_row_fails_on_some_perturbed_model(group, monkeypatch):
     always = holding_rows(group)
     assert always
     for patches in WORLDS[group.name].values():

@@ -1,4 +1,4 @@
-"""The study of two public range logs: rows that must hold do, and would not if the filter assumed otherwise."""
+"""The study of two public range logs: rows that must hold do, and fail if the filter's assumptions change."""
 
 import importlib.util
 import os
@@ -30,7 +30,7 @@ def rows_of(name):
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.timeout(900)
-def test_rows_hold_or_say_why_not(name):
+def test_rows_hold_or_give_a_reason(name):
     rows = rows_of(name)
     assert len({r.id for r in rows}) == len(rows) > 10
     assert [r.id for r in rows if r.fails] == []
@@ -47,8 +47,8 @@ def test_pictures_are_written(name, tmp_path):
 
 
 @pytest.mark.thorough
-def test_the_log_is_what_the_file_holds(tmp_path):
-    """By way of MCAP; 4091 readings of odometry and 1816 ranges, each with a row of its own."""
+def test_log_contains_all_readings_of_the_file(tmp_path):
+    """Read back from MCAP: 4091 odometry readings and 1816 ranges, each with its own row."""
     p, log = _data.read_plaza("Plaza2"), _data.written_log("Plaza2", tmp_path)
     assert (len(p.t), len(p.range), len(log)) == (4091, 1816, 4091 + 1816)
     rows = log["downlink.odometry.fresh"]
@@ -78,7 +78,7 @@ def fly_with(**changes):
 
 
 @pytest.mark.thorough
-def test_tuned_on_the_other_log_it_is_as_good_and_as_sure_as_it_says():
+def test_filter_tuned_on_other_log_is_accurate_and_consistent():
     rms, nees = fly_with()
     batch = _flights.read_batch()["Plaza2"]
     assert rms < 1.4 * batch["rms"]
@@ -87,8 +87,8 @@ def test_tuned_on_the_other_log_it_is_as_good_and_as_sure_as_it_says():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("changes", [{"slip": 0.02}, {"noise": 0.3}, {"scale": 0.0}])
-def test_what_it_believes_matters(changes):
-    """Too little of any one error, and it is too sure."""
+def test_underestimated_errors_make_the_filter_overconfident(changes):
+    """If any one error is assumed too small, the filter is overconfident."""
     assert fly_with(**changes)[1] > 2.41
 
 
@@ -98,7 +98,7 @@ LOGS = [pytest.param("Plaza1", marks=pytest.mark.thorough), "Plaza2"]
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", LOGS)
 @pytest.mark.timeout(900)
-def test_the_batch_in_the_file_is_what_gtsam_solves(name):
+def test_stored_batch_solution_matches_gtsam(name):
     from oracles import ranges2009
 
     held = _flights.read_batch()[name]
@@ -112,8 +112,8 @@ def test_the_batch_in_the_file_is_what_gtsam_solves(name):
 
 
 @pytest.mark.thorough
-def test_the_batch_is_the_least_of_what_it_makes_least():
-    """Its cost grows whichever way the solution is moved."""
+def test_batch_solution_minimises_its_cost():
+    """The cost increases for every displacement of the solution."""
     from oracles import ranges2009
 
     assumed = _filters.assumed_on("Plaza2")
@@ -127,7 +127,7 @@ def test_the_batch_is_the_least_of_what_it_makes_least():
 
 
 def worse_data(**change):
-    """The logs otherwise: change has functions of a Plaza that give new fields of it."""
+    """Return a reader of changed logs; each function in `change` computes a new field from a Plaza."""
     return lambda read: lambda name: read(name)._replace(**{k: f(read(name)) for k, f in change.items()})
 
 
@@ -136,16 +136,16 @@ def wild(p):
 
 
 DATA_WORLDS = {
-    "ranges longer by a twentieth": worse_data(range=lambda p: 1.05 * p.range),
-    "each twentieth range 5 m too long": worse_data(range=wild),
-    "an error that lasts": worse_data(range=lambda p: p.range + 0.5 * np.sin(0.3 * p.range_t)),
-    "odometry of a real wheel": worse_data(
+    "ranges 5 % too long": worse_data(range=lambda p: 1.05 * p.range),
+    "every 20th range 5 m too long": worse_data(range=wild),
+    "correlated range error": worse_data(range=lambda p: p.range + 0.5 * np.sin(0.3 * p.range_t)),
+    "odometry scale error and drift": worse_data(
         distance=lambda p: 1.01 * p.distance, turn=lambda p: p.heading - p.heading[0] + 1e-4 * p.t
     ),
 }
 
 
-def test_no_row_of_the_noise_is_true_of_whatever_log(monkeypatch):
+def test_every_noise_row_fails_on_some_changed_log(monkeypatch):
     fails: set[str] = set()
     for change in DATA_WORLDS.values():
         with monkeypatch.context() as patch:
@@ -155,12 +155,12 @@ def test_no_row_of_the_noise_is_true_of_whatever_log(monkeypatch):
 
 
 def trusting(estimator):
-    """Too sure of its ranges."""
+    """Assume ranges that are too accurate."""
     return replace(estimator, errors=replace(estimator.errors, noise=0.3 * estimator.errors.noise))
 
 
 def unscaled(estimator):
-    """Taking ranges as they are."""
+    """Use ranges without the scale correction."""
     return replace(estimator, errors=replace(estimator.errors, scale=0.0, sigma_scale=1e-4, sigma_error=1e-3))
 
 
@@ -175,8 +175,8 @@ def patched_filters(change):
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
-def test_every_row_of_the_filters_that_holds_fails_for_some_other_filter(monkeypatch):
-    """Too sure of its ranges, or taking them as they are; and gtsam's plain solution as good as the other."""
+def test_every_filter_row_fails_for_some_other_filter(monkeypatch):
+    """Other filters: too accurate ranges, or no range scale. Also gtsam's plain solution as good as the other."""
     holds = {r.id for name in FLOWN for r in rows_of(name) if r.holds}
     fails: set[str] = set()
     for change in (trusting, unscaled):

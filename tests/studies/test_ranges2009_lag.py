@@ -1,4 +1,4 @@
-"""The estimate of some seconds ago, with what has come since: beside a smoother that is written here."""
+"""The fixed-lag estimate of a few seconds ago, compared with a smoother implemented here."""
 
 import functools
 
@@ -36,8 +36,8 @@ def place_error(world, estimates, rows):
 
 
 @pytest.mark.thorough
-def test_the_present_is_as_without_the_kept_poses():
-    """They hang on the filter, and change nothing of it."""
+def test_kept_poses_do_not_change_the_current_estimate():
+    """The kept poses are appended to the filter's state and do not change the current estimate."""
     world = drive(1)
     lagged, _ = fly(world, LAGGED)
     plain, _ = fly(world, FILTER)
@@ -47,7 +47,7 @@ def test_the_present_is_as_without_the_kept_poses():
 
 
 @pytest.mark.thorough
-def test_it_is_so_old_and_better_and_knows_it():
+def test_lagged_estimate_is_more_accurate_and_consistent():
     better, squares = [], []
     for seed in range(30):
         world = drive(seed)
@@ -68,7 +68,7 @@ def test_it_is_so_old_and_better_and_knows_it():
 
 
 @pytest.mark.thorough
-def test_it_waits_until_it_is_so_old():
+def test_lagged_estimate_becomes_valid_after_the_lag():
     _, late = fly(drive(2), LAGGED)
     first = int(np.argmax(late.valid))
     assert 39 <= first <= 51
@@ -76,6 +76,6 @@ def test_it_waits_until_it_is_so_old():
     assert first < DRIVE
 
 
-def test_a_single_pose_is_refused():
+def test_rejects_a_single_kept_pose():
     with pytest.raises(InputError, match="kept must be at least 2"):
         LaggedOdometry(kept=1).check()

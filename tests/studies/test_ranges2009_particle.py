@@ -1,4 +1,4 @@
-"""Particles on odometry and ranges: they find place and heading by themselves, and know how well."""
+"""A particle filter on odometry and ranges: it finds position and heading and is consistent."""
 
 import functools
 
@@ -36,14 +36,14 @@ def run(world, seed=0, estimator=FILTER):
 
 
 def errors(world, estimates):
-    """Of place (m) and heading (rad), (n,)."""
+    """Return the errors of position (m) and heading (rad), each (n,)."""
     s = estimates.state
     return np.hypot(s.north - world.north, s.east - world.east), np.asarray(wrap(s.heading - world.heading))
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(3))
-def test_it_finds_its_way_without_being_told_where_it_begins(seed):
+def test_localises_without_an_initial_position(seed):
     world = drive(seed)
     _, estimates = run(world, seed)
     place, heading = errors(world, estimates)
@@ -56,8 +56,8 @@ def test_it_finds_its_way_without_being_told_where_it_begins(seed):
 
 
 @pytest.mark.thorough
-def test_it_is_not_sure_before_it_can_be():
-    """Two places and every heading fit the first two ranges."""
+def test_estimate_is_invalid_while_the_pose_is_ambiguous():
+    """Two positions and every heading fit the first two ranges."""
     _, estimates = run(drive(1))
     valid = np.asarray(estimates.valid)
     assert not valid[:10].any()
@@ -65,7 +65,7 @@ def test_it_is_not_sure_before_it_can_be():
 
 
 @pytest.mark.thorough
-def test_a_tenth_of_wild_ranges_is_borne():
+def test_tolerates_ten_percent_range_outliers():
     world = drive(3)
     wild = (np.random.default_rng(0).random(world.range.shape) < 0.1) & world.arrived
     state, estimates = run(world._replace(range=np.where(wild, world.range + 8.0, world.range)), 1)
@@ -75,7 +75,7 @@ def test_a_tenth_of_wild_ranges_is_borne():
 
 
 @pytest.mark.thorough
-def test_with_the_same_seed_it_is_the_same_and_with_another_nearly():
+def test_same_seed_repeats_exactly_and_another_agrees_closely():
     world = drive(2)
     one, again, other = (np.asarray(run(world, seed)[1].state.north) for seed in (5, 5, 6))
     np.testing.assert_array_equal(one, again)
@@ -84,14 +84,14 @@ def test_with_the_same_seed_it_is_the_same_and_with_another_nearly():
 
 
 @pytest.mark.parametrize("change", [{"N": 1}, {"beacons": BEACONS[:1]}, {"beacons": np.zeros((4, 2))}])
-def test_what_is_no_cloud_and_no_beacons_is_refused(change):
+def test_rejects_too_few_particles_or_beacons(change):
     with pytest.raises(InputError, match="OdometryParticle"):
         replace(FILTER, **change).check()
 
 
 @pytest.mark.thorough
-def test_rejected_ranges_make_the_estimate_invalid_until_ranges_fit_again():
-    """All ranges 30 m too long for 30 s: all are rejected."""
+def test_estimate_is_invalid_while_ranges_are_rejected():
+    """For 30 s, all ranges are 30 m too long and are rejected."""
     world, k = drive(0), np.arange(DRIVE)
     wrong = ((k >= DRIVE // 2) & (k < DRIVE * 3 // 4))[:, None]
     state, estimates = run(world._replace(range=np.where(world.arrived & wrong, world.range + 30.0, world.range)))
@@ -104,8 +104,8 @@ def test_rejected_ranges_make_the_estimate_invalid_until_ranges_fit_again():
 
 
 @pytest.mark.thorough
-def test_a_filter_whose_ranges_never_fit_stays_invalid():
-    """All ranges 30 m too long from the middle on, to the end."""
+def test_estimate_stays_invalid_if_ranges_never_fit():
+    """From the middle to the end, all ranges are 30 m too long."""
     world = drive(0)
     later = (np.arange(DRIVE) >= DRIVE // 2)[:, None]
     _, estimates = run(world._replace(range=np.where(world.arrived & later, world.range + 30.0, world.range)))

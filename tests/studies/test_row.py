@@ -44,16 +44,16 @@ FAILING = {
 
 
 @pytest.mark.parametrize("row", HOLDING.values(), ids=HOLDING)
-def test_holds(row):
+def test_each_relation_holds_inside_its_limit(row):
     assert (row.verdict, row.fails) == ("holds", False)
 
 
 @pytest.mark.parametrize("row", FAILING.values(), ids=FAILING)
-def test_differs(row):
+def test_each_relation_differs_outside_its_limit(row):
     assert (row.verdict, row.fails) == ("differs", True)
 
 
-def test_what_need_not_hold_and_does_not_is_not_reproduced():
+def test_failed_optional_row_is_not_reproduced():
     about = {"tolerance": 0.1, "must_hold": False, "note": "why"}
     assert within("a", "x", 2.0, 3.0, "p", **about).verdict == "not reproduced"
     assert within("a", "x", 2.0, 2.0, "p", **about).verdict == "holds"
@@ -70,13 +70,13 @@ def test_what_need_not_hold_and_does_not_is_not_reproduced():
         {"citation": "p", "must_hold": False},
     ],
 )
-def test_a_row_without_citation_or_reason_is_refused(bad):
+def test_rejects_row_without_citation_or_reason(bad):
     given = {"id": "a", "what": "x", "printed": 1.0, "computed": 1.0, "citation": "p"} | bad
     with pytest.raises(ValueError, match=r"needs an id|state the reason"):
         within(**given)
 
 
-def test_json_has_no_number_that_json_lacks():
+def test_json_writes_infinite_values_as_null():
     row = direction("a", "x", "slower", math.inf, "p", above=1.0)
     plain = json.loads(json.dumps(row.as_json(), allow_nan=False))
     assert plain["computed"] is None
@@ -84,7 +84,7 @@ def test_json_has_no_number_that_json_lacks():
     assert plain["verdict"] == "differs"
 
 
-def test_values_and_tolerances_in_words():
+def test_values_and_tolerances_are_formatted_as_text():
     assert [format_value(v) for v in (None, True, 1.23456, (14, 81), (-1.0, 0.5), "slower", 22)] == [
         "-",
         "yes",
@@ -108,7 +108,7 @@ def test_values_and_tolerances_in_words():
     }
 
 
-def test_markdown_keeps_bars_out_of_cells_and_stars_what_is_not_printed():
+def test_markdown_escapes_bars_and_stars_unprinted_values():
     text = rows_table([within("a", "|e|", 1.0, 1.0, "p", tolerance=0.1, basis="reference"), FAILING["band"]])
     first, second = text.splitlines()[2:]
     assert first.startswith("| \\|e\\| | 1 \\* | 1 | ± 0.1 |")

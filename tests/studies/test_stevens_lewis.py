@@ -1,4 +1,4 @@
-"""The F-16's printed numbers: each row holds, and would not in another world."""
+"""The F-16's printed numbers: each row holds, and fails with a perturbed model."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def test_picture_is_written(tmp_path):
 
 
 def broken(module, monkeypatch, **changes):
-    """Rows of a module that fail where every F-16 has other numbers."""
+    """Return the failing rows of a module when every F-16 has other parameters."""
     craft = replace(F16FlatEarth(), **changes)
     monkeypatch.setattr(module, "F16FlatEarth", lambda: craft)
     trims.find_trim.cache_clear()
@@ -49,21 +49,21 @@ def broken(module, monkeypatch, **changes):
         ({"gravity": 9.81}, "speed"),
     ],
 )
-def test_another_craft_fails_the_check_case(monkeypatch, changes, fails):
+def test_check_case_fails_with_a_perturbed_aircraft(monkeypatch, changes, fails):
     if "engine_momentum" in changes:
         monkeypatch.setattr(check_case, "MOMENTUM", 0.0)
     assert fails in broken(check_case, monkeypatch, **changes)
 
 
 @pytest.mark.thorough
-def test_another_craft_has_other_trims_and_models(monkeypatch):
+def test_trim_and_linear_rows_fail_with_a_perturbed_aircraft(monkeypatch):
     assert {"nominal/alpha", "aft/throttle"} <= set(broken(trims, monkeypatch, mass=9400.0))
     assert any("roll_rate" in id for id in broken(linear, monkeypatch, inertia=F16FlatEarth().inertia * 1.01))
 
 
 @pytest.mark.thorough
-def test_the_printed_gains_are_least_with_the_misprint_and_with_one_sign():
-    """The cost by quadrature of the free response, and not by the equation that the study solves."""
+def test_printed_gains_are_optimal_with_misprint_and_one_sign():
+    """The cost is computed by quadrature of the free response, not by the study's own equation."""
     loop = lateral_regulator.lateral_loop()
     closed = loop.A - loop.B @ lateral_regulator.PRINTED @ loop.C
     K = lateral_regulator.PRINTED @ loop.C
@@ -84,7 +84,7 @@ def test_the_printed_gains_are_least_with_the_misprint_and_with_one_sign():
     lateral_regulator.lateral_loop.cache_clear()
 
 
-def test_both_open_rows_of_the_check_case_have_one_cause():
+def test_both_failing_check_case_rows_have_one_cause():
     """A rolling moment less by LESS of its coefficient gives both printed numbers, by the program's constants."""
     craft = replace(F16FlatEarth(), centre=0.4)
     turn = check_case.turn_by_constants(craft)
@@ -98,7 +98,7 @@ def test_both_open_rows_of_the_check_case_have_one_cause():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("start", "aerobench"), [("dive", 406.93), ("inverted", 960.87)])
-def test_the_oracle_flies_as_low_as_the_study_says_and_as_aerobench(start, aerobench):
+def test_oracle_minimum_altitude_matches_study_and_aerobench(start, aerobench):
     """The last number was printed by AeroBenchVV 2 itself, whose tables have a few slips."""
     from oracles import f16_ground_avoidance
 

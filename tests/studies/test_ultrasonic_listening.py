@@ -85,8 +85,8 @@ def test_error_grows_with_speed(speed, listening, pinging):
 
 
 @pytest.mark.thorough
-def test_each_range_is_of_its_own_time():
-    """Ranges without noise are the distances at the chirp, also between two instants."""
+def test_each_range_is_measured_at_its_chirp_time():
+    """Noise-free ranges are the distances at the time of the chirp, also between two steps."""
     course, samples = windows(1.0, replace(SENSOR, errors=RangeErrors(noise=0.0)), 100)
     t, r = samples.value.measured[:, -1], samples.value.range[:, -1]
     v = np.stack([np.cos(course), np.sin(course), 0 * course], axis=1)
@@ -97,7 +97,7 @@ def test_each_range_is_of_its_own_time():
 
 
 @pytest.mark.thorough
-def test_samples_come_out_when_a_message_is_over_and_carry_the_newest_time():
+def test_samples_appear_at_message_end_with_newest_time():
     _, samples = windows(0.0)
     fresh = samples.fresh
     np.testing.assert_array_equal(fresh, samples.value.arrived.any(2))
@@ -125,7 +125,7 @@ def test_chirps_are_spread_over_the_window_and_never_overlap():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", imperfections(UltrasonicListening()))
-def test_each_imperfection_alone_makes_a_difference(name):
+def test_each_imperfection_alone_changes_the_ranges(name):
     everything = replace(
         UltrasonicListening(period=ms(10)),
         errors=RangeErrors(0.004, 0.3, 3.0, 0.3, 1.0),
@@ -136,7 +136,7 @@ def test_each_imperfection_alone_makes_a_difference(name):
     assert not np.array_equal(with_it, windows(0.0, without(everything, name), 30)[1].value.range)
 
 
-def test_it_is_a_sensor_and_refuses_what_cannot_be():
+def test_implements_sensor_and_rejects_invalid_arguments():
     assert isinstance(SENSOR, Sensor)
     SENSOR.check()
     with pytest.raises(InputError, match="no imperfection 'collisions'"):
@@ -148,7 +148,7 @@ def test_it_is_a_sensor_and_refuses_what_cannot_be():
 
 @pytest.mark.thorough
 def test_runs_as_generated_code():
-    """Sensors fly in the compiled loop: one step lowers to C."""
+    """One step of the sensor lowers to C."""
     one = to_arrays(UltrasonicListening())
     still = Motion(np.int64(0), *[np.zeros(3)] * 6)
     leaves, tree = jax.tree.flatten((one, np.int64(0), jax.tree.map(jnp.asarray, one.init(Key(0, 0))), still))

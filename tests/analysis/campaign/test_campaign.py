@@ -1,4 +1,4 @@
-"""A campaign of the real zero-velocity scenario: rows, their reruns, what is refused before anything flies."""
+"""A campaign of the real zero-velocity scenario: rows, reruns, and arguments rejected before flying."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def flown():
 
 
 @pytest.mark.thorough
-def test_rows_hold_what_differs_and_what_came_of_it(flown):
+def test_rows_contain_drawn_parameters_and_results(flown):
     _, found = flown
     names = {*SPREAD, "run", "settling:yaw_rate", "peak:truth.sway_velocity", "error_rms:yaw_rate", "success", "lost"}
     assert set(found.columns) == names
@@ -46,22 +46,22 @@ def test_rows_hold_what_differs_and_what_came_of_it(flown):
 
 @pytest.mark.thorough("0", "77")
 @pytest.mark.parametrize("run", [0, 77, 149])
-def test_a_rerun_is_equal_to_its_row(flown, run):
+def test_rerun_equals_its_row(flown, run):
     made, found = flown
     log = made.rerun(run)
     row = made.row(run, log)
     assert {name: row[name] for name in row} == {name: found.columns[name][run] for name in row}
 
 
-def test_friction_that_the_scenario_lacks_can_differ_from_run_to_run():
+def test_friction_of_zero_nominal_value_can_vary():
     path = "world.vehicle.friction.torque_viscous"
     ready = prepare_campaign(campaign(spread={path: "uniform(0, 0.02)"}).plan)
     drawn = [scenario_of(ready, run).world.vehicle.friction.torque_viscous for run in range(8)]
     assert 0 < min(drawn) < max(drawn) < 0.02
 
 
-def test_a_row_is_what_simulate_and_metrics_give(flown):
-    """Without any of the campaign's own code: the values put in by hand, the log measured by logs.metrics."""
+def test_row_equals_simulate_and_metrics(flown):
+    """Uses none of the campaign's code: values are set explicitly, and logs.metrics evaluates the log."""
     made, found = flown
     scenario = build(NAME, SETTINGS)
     k2, mass = found.columns["autopilot.law.k2"][5], found.columns[MASS][5]
@@ -75,7 +75,7 @@ def test_a_row_is_what_simulate_and_metrics_give(flown):
     assert found.columns["peak:truth.sway_velocity"][5] == np.abs(log["truth.sway_velocity"]).max()
 
 
-def test_another_seed_is_another_campaign_and_more_runs_the_same(flown):
+def test_another_seed_changes_draws_and_more_runs_do_not(flown):
     _, found = flown
     few = campaign(runs=20).run()
     for name, column in few.columns.items():
@@ -85,7 +85,7 @@ def test_another_seed_is_another_campaign_and_more_runs_the_same(flown):
 
 
 @pytest.mark.thorough
-def test_a_scenario_itself_and_a_function_of_rows(flown):
+def test_campaign_accepts_scenario_object_and_metric_function(flown):
     _, found = flown
 
     def last_yaw(rows):
@@ -102,7 +102,7 @@ def test_a_scenario_itself_and_a_function_of_rows(flown):
 
 
 @pytest.mark.thorough
-def test_choices_of_an_option_fly_their_own_programs():
+def test_option_choices_are_flown_with_their_values():
     made = campaign(runs=12, spread={PERIOD: "choice(1 ms, 4 ms)", **SPREAD}, settings={"duration": "2"})
     rows = made.run().columns
     assert set(rows[PERIOD]) == {0, 1}
@@ -111,7 +111,7 @@ def test_choices_of_an_option_fly_their_own_programs():
 
 
 @pytest.mark.thorough
-def test_without_targets_a_success_is_a_state_that_stays_finite():
+def test_success_without_targets_is_a_finite_state():
     scenario = replace(build(NAME, {"duration": "1"}), targets=())
     found = Campaign(scenario, runs=3, metrics=["peak:truth.yaw_rate"]).run()
     assert found.success.successes == 3
@@ -135,7 +135,7 @@ def test_without_targets_a_success_is_a_state_that_stays_finite():
         ({"spread": {PERIOD: "choice(1 ms, nonsense)"}}, "nonsense"),
     ],
 )
-def test_what_cannot_be_flown_is_refused_before_anything_flies(changes, problem):
+def test_rejects_invalid_arguments_before_flying(changes, problem):
     with pytest.raises(InputError, match=r"Fix: ") as refused:
         campaign(**changes)
     assert problem in str(refused.value)
@@ -149,19 +149,19 @@ def test_what_cannot_be_flown_is_refused_before_anything_flies(changes, problem)
         ("error_rms:yaw_rate <= 10 deg/s", "'10 deg/s' has a unit", "error_rms:yaw_rate <= NUMBER"),
     ],
 )
-def test_the_fix_of_a_mistyped_condition_is_what_was_meant(success, problem, fix):
+def test_mistyped_condition_error_suggests_the_correction(success, problem, fix):
     with pytest.raises(InputError) as refused:
         campaign(success=[success])
     assert problem in refused.value.problem
     assert f'"{fix}"' in refused.value.fix
 
 
-def test_settings_are_for_names():
+def test_settings_require_a_scenario_name():
     with pytest.raises(InputError, match="change the scenario itself"):
         Campaign(build(NAME), settings={"duration": "3"})
 
 
-def test_flying_can_be_stopped_on_what_is_seen():
+def test_stop_function_ends_the_campaign_early():
     seen = []
 
     def stop(columns):
@@ -175,8 +175,8 @@ def test_flying_can_be_stopped_on_what_is_seen():
     assert len(found.columns["run"]) == 64
 
 
-def test_the_stop_rule_sees_rows_without_a_gap_only():
-    """Blocks that come out of their order wait for those before them; runs that fail are often the quick ones."""
+def test_stop_function_sees_only_contiguous_rows():
+    """Blocks finished out of order wait for earlier ones, because failing runs are often the quick ones."""
     seen = []
 
     def stop(columns):
@@ -193,10 +193,10 @@ def test_the_stop_rule_sees_rows_without_a_gap_only():
     assert seen == [[0, 1, 2], [0, 1, 2], [0, 1, 2], list(range(10))]
 
 
-def test_who_runs_once_more_names_a_run_there_is():
+def test_rejects_rerun_of_missing_run():
     with pytest.raises(InputError, match="run 150 does not exist"):
         campaign().scenario(150)
 
 
-def test_a_campaign_flies_at_the_scenarios_own_duration():
+def test_campaign_uses_the_scenario_duration():
     assert campaign().ready.scenario.duration == seconds(6)

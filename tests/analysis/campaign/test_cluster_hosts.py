@@ -1,4 +1,4 @@
-"""Campaigns on a cluster of two hosts: who is let in, and a cable that is cut."""
+"""Campaigns on a cluster of two hosts: access control, and a cut cable."""
 
 import re
 import subprocess
@@ -55,7 +55,7 @@ print(context.wrap_socket(socket.create_connection((sys.argv[2], 8786))).recv(1)
 
 
 @pytest.mark.skipif(bool(why_not()), reason=why_not())
-def test_two_hosts(folder, whole, tmp_path):
+def test_campaign_on_two_hosts_gives_the_same_rows(folder, whole, tmp_path):
     """Half a minute: scheduler and a worker on one host, a worker and the client on the other."""
     with Hosts() as hosts, Processes(folder, lambda host: hosts.inside(int(host in ("two", "desk")))) as processes:
         _, uri = processes.scheduler(NEAR, 8786)
@@ -100,7 +100,7 @@ except InputError as error:
 
 
 @pytest.mark.skipif(bool(why_not()), reason=why_not())
-def test_cable_that_is_cut(folder, whole, tmp_path):
+def test_cut_cable_ends_the_campaign_with_rows_stored(folder, whole, tmp_path):
     """A minute: the client's host is cut off in the middle of the campaign."""
     with Hosts() as hosts, Processes(folder, lambda host: hosts.inside(int(host == "desk"))) as processes:
         _, uri = processes.scheduler(NEAR, 8786)

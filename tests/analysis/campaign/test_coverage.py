@@ -28,7 +28,7 @@ def bounds_of_all_counts():
 
 
 @pytest.mark.parametrize("p", [0.3, 0.9, 0.97])
-def test_biased_coin(p):
+def test_success_interval_coverage_for_a_biased_coin(p):
     """The interval never covers less than it says, and with few runs more; with 2000 runs its exact coverage here lies
     between 95.0 % and 96.1 %, so that 95 ± 1.5 % (3 sigma of 2000 repetitions) is a check of the interval.
     """
@@ -40,7 +40,7 @@ def test_biased_coin(p):
 
 
 @pytest.mark.thorough
-def test_linear_system():
+def test_success_interval_coverage_for_a_linear_system():
     """Success: the last state stays within 1.7 of its standard deviations."""
     p = 2 * stats.norm.cdf(1.7) - 1
     low, high = bounds_of_all_counts()
@@ -48,7 +48,7 @@ def test_linear_system():
     assert np.mean((low[successes] <= p) & (p <= high[successes])) == pytest.approx(0.95, abs=0.015)
 
 
-def test_band_holds_the_quantile_in_95_per_cent():
+def test_quantile_band_has_95_percent_coverage():
     """2000 campaigns of 2000 runs of a linear system whose metric is Gaussian with known variance.
 
     With 2000 runs the steps of the binomial are small: the coverage, summed exactly, is 95.0 % to 96.0 %, so that

@@ -1,4 +1,4 @@
-"""Metrics of a flight in space, `flight.roll` and so on: a campaign's are those of the run's log, to the bit."""
+"""Metrics of a spatial flight, such as `flight.roll`: a campaign's equal those of the run's log bit for bit."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def fly(scenario, metrics, **spread):
 @pytest.mark.thorough
 @needs_c
 @pytest.mark.parametrize("name", ["quadrotor/track", "f16/gcas"])  # a state with a quaternion, and one with angles
-def test_a_metric_is_that_of_the_log_of_the_same_run(name):
+def test_campaign_metric_equals_metric_of_the_run_log(name):
     scenario = replace(build(name), duration=seconds(2))
     campaign = fly(scenario, (*KEPT, FORMULA), **{"world.vehicle.mass": "normal(100%, 5%)"})
     columns = campaign.run().columns
@@ -48,7 +48,7 @@ def test_a_metric_is_that_of_the_log_of_the_same_run(name):
 
 
 @pytest.mark.thorough
-def test_rows_work_out_each_run_with_its_own_parameters():
+def test_derived_signals_use_the_parameters_of_each_run():
     log, _ = over_the_earth()
     parameters = log.metadata["parameters"]
     winds = np.array([parameters["world.vehicle.wind.north"], 25.0])
@@ -62,7 +62,7 @@ def test_rows_work_out_each_run_with_its_own_parameters():
 
 
 @pytest.mark.thorough
-def test_over_the_turning_earth_each_run_has_its_own_wind():
+def test_rotating_earth_runs_use_their_own_wind():
     scenario = replace(throw(None), duration=seconds(1))
     wind = {"world.vehicle.wind.north": "uniform(0, 40)", "world.vehicle.wind.east_shear": "uniform(0, 0.1)"}
     campaign = fly(scenario, ("mean:flight.air_speed", "final:flight.air_speed", "final:flight.north"), **wind)
@@ -76,7 +76,7 @@ def test_over_the_turning_earth_each_run_has_its_own_wind():
 
 @needs_c
 @pytest.mark.thorough
-def test_targets_searches_and_maps_take_them():
+def test_targets_searches_and_maps_accept_flight_signals():
     scenario = replace(build("quadrotor/track"), duration=seconds(1), targets=(Target("flight.roll", 0.0, 0.2),))
     assert np.isfinite(fly(scenario, ("error_rms:flight.roll",)).run().columns["error_rms:flight.roll"]).all()
     judge, signals = parse_success(scenario, ["least:flight.altitude > 1"])
@@ -95,14 +95,14 @@ def test_targets_searches_and_maps_take_them():
         ("quadrotor/track", "rms:flight.air_speed", "there is no signal 'flight.air_speed'", "flight.ground_speed"),
     ],
 )
-def test_what_a_flight_does_not_have_is_refused_with_what_it_has(name, metric, says, fix):
+def test_unknown_flight_signal_error_lists_available_ones(name, metric, says, fix):
     with pytest.raises(InputError) as refused:
         Campaign(name, runs=1, metrics=[metric])
     assert says in str(refused.value)
     assert fix in refused.value.fix
 
 
-def test_no_gradient_goes_through_what_is_worked_out_afterwards():
+def test_gradient_tuning_rejects_derived_flight_signals():
     with pytest.raises(InputError, match="computed after the flight"):
         tune(
             "quadrotor/track", gains={"autopilot.law.nominal.kx": "50%:200%"}, cost="rms:flight.roll", method="gradient"

@@ -1,4 +1,4 @@
-"""Every text of a campaign's numbers: what is read, and what is refused with the words to type instead."""
+"""Texts of metrics, conditions, costs, requirements and stopping rules: parsing, and errors with a fix."""
 
 import math
 
@@ -19,7 +19,7 @@ from trimtab.analysis.campaign.grammar import (
 from trimtab.core.errors import InputError
 
 
-def test_a_metric_is_a_kind_of_a_signal_or_a_function_of_a_file():
+def test_parses_metric_kind_or_file_function():
     assert parse_metric("settling:yaw_rate") == MetricName("settling", "yaw_rate")
     assert parse_metric("my/own.py:miss").is_function
     assert not parse_metric("peak:truth.x").is_function
@@ -34,22 +34,22 @@ def test_a_metric_is_a_kind_of_a_signal_or_a_function_of_a_file():
         ("a=b@c/own.py:miss >= 1", ("a=b@c/own.py:miss", ">=", 1.0)),
     ],
 )
-def test_conditions(text, condition):
+def test_parses_conditions(text, condition):
     assert parse_condition(text) == Condition(*condition)
 
 
 @pytest.mark.parametrize("text", ["", "settling:x", "x <= ", "<= 3", "x == 3", "x <= soon", "x <= 3 @ 95%"])
-def test_a_condition_is_refused_with_what_to_type(text):
+def test_rejects_invalid_condition_with_a_fix(text):
     with pytest.raises(InputError, match=r"success=\[\"settling:yaw_rate <= 10\"\]"):
         parse_condition(text)
 
 
-def test_a_bound_with_a_unit_is_refused_without_it():
+def test_rejects_bound_with_a_unit():
     with pytest.raises(InputError, match=r"'3 s' has a unit.*\n.*success=\[\"x <= 3\"\]"):
         parse_condition("x <= 3 s")
 
 
-def test_a_formula_is_a_condition_on_its_robustness():
+def test_formula_is_a_condition_on_its_robustness():
     formula = "eventually[0, 8 s](always(abs(truth.heading) < 3 deg))"
     assert parse_condition(f" {formula} ") == Condition(f"robustness:{formula}", ">", 0.0)
     assert parse_condition(f"robustness:{formula} >= 0.1") == Condition(f"robustness:{formula}", ">=", 0.1)
@@ -57,7 +57,7 @@ def test_a_formula_is_a_condition_on_its_robustness():
     assert parse_condition("settling:always <= 3").metric == "settling:always"
 
 
-def test_robustness_in_a_requirement_a_stop_and_a_cost():
+def test_robustness_is_accepted_in_requirement_stopping_and_cost():
     metric = "robustness:always[1 s, 2 s](abs(x + 1 m) < 3 m and y >= 0)"
     found = parse_requirement(f"p5({metric}) >= 0.1 @ 90%")
     assert (found.metric, found.relation, found.bound) == (metric, ">=", 0.1)
@@ -70,11 +70,11 @@ def test_robustness_in_a_requirement_a_stop_and_a_cost():
             parse_cost(text)
 
 
-def test_a_condition_never_holds_where_the_metric_is_no_number():
+def test_condition_is_false_for_nan_metric():
     assert parse_condition("x <= 1").holds(np.array([0.0, 1.0, 2.0, np.nan])).tolist() == [True, True, False, False]
 
 
-def test_a_cost_is_metrics_with_weights():
+def test_parses_weighted_cost_terms():
     assert parse_cost("error_rms:yaw_rate + 2*rms:v +  1e-3 * peak:x") == (
         CostTerm(1.0, "error_rms:yaw_rate"),
         CostTerm(2.0, "rms:v"),
@@ -83,12 +83,12 @@ def test_a_cost_is_metrics_with_weights():
 
 
 @pytest.mark.parametrize("text", ["", "0*rms:x", "-1*rms:x", "1e999*rms:x", "1-2*rms:x", "rms:x + ", "rms:x rms:y"])
-def test_a_cost_is_refused_with_what_to_type(text):
+def test_rejects_invalid_cost(text):
     with pytest.raises(InputError, match="not a metric with a positive weight"):
         parse_cost(text)
 
 
-def test_every_form_of_a_requirement():
+def test_parses_every_form_of_requirement():
     text = "success >= 0.99 @ 95%"
     assert parse_requirement(text)[:3] == (text, "success", "success")
     assert parse_requirement(text)[4:] == (">=", 0.99, 0.95)
@@ -135,14 +135,14 @@ def test_every_form_of_a_requirement():
         ("1 <= mean(x) <= 2", "must compare a statistic with a number"),
     ],
 )
-def test_a_requirement_is_refused_with_what_to_type(text, says):
+def test_rejects_invalid_requirement_with_a_fix(text, says):
     with pytest.raises(InputError) as caught:
         parse_requirement(text)
     assert says in str(caught.value)
     assert "Fix:" in str(caught.value)
 
 
-def test_refuses_a_metric_that_is_not_there_before_anything_flies():
+def test_requirement_rejects_missing_metric_before_flying():
     requirement = parse_requirement("p95(settling:yaw_rat) <= 10")
     with pytest.raises(InputError, match=r"Choices: settling:yaw_rate"):
         requirement.check(["success", "settling:yaw_rate"])
@@ -151,7 +151,7 @@ def test_refuses_a_metric_that_is_not_there_before_anything_flies():
         parse_requirement("mean(x) <= 1").check(["x"], anytime=True)
 
 
-def test_both_forms_of_a_stopping_rule():
+def test_parses_both_forms_of_stopping_rule():
     rule = parse_stopping("width(success) <= 0.01 @ 99%")
     assert (rule.statistic, rule.metric, rule.width, rule.level) == ("success", "success", 0.01, 0.99)
     rule = parse_stopping("width( p95(max:truth.x) ) <= 0.5")
@@ -171,11 +171,11 @@ def test_both_forms_of_a_stopping_rule():
         "width(mean(x)) <= 1", "width(max(x)) <= 1", "width(success) <= 0.1 @ 95", "width(p95(x)) <= wide",
     ],
 )  # fmt: skip
-def test_a_stopping_rule_is_refused_with_what_to_type(text):
+def test_rejects_invalid_stopping_rule_with_a_fix(text):
     with pytest.raises(InputError, match=r"stopping '.*\n(Choices.*\n)?Fix:"):
         parse_stopping(text)
 
 
-def test_a_stopping_rule_needs_a_metric_that_is_there():
+def test_stopping_rule_rejects_missing_metric():
     with pytest.raises(InputError, match="Choices: settling:a"):
         parse_stopping("width(p50(settling:b)) <= 1").check(["success", "settling:a"])

@@ -1,4 +1,4 @@
-"""Whatever ends a campaign, no row is lost, none is double, and the message says how to go on."""
+"""After any interruption of a campaign, no row is lost or duplicated, and the message states how to continue."""
 
 import json
 import os
@@ -51,7 +51,7 @@ def start(store, runs=RUNS, pause=0.1, script=CHILD):
 
 
 def flying(store, rows):
-    """A campaign in a process of its own, once so many rows are kept."""
+    """Start a campaign in a separate process and return once the given number of rows is stored."""
     child = start(store)
     while not (store / "done" / "c" / str(rows // BLOCK - 1)).exists():
         assert child.poll() is None
@@ -64,7 +64,7 @@ def kept(store):
 
 
 @pytest.mark.real_time
-def test_killed_and_started_again_flies_what_is_missing(store, whole):
+def test_restart_after_kill_flies_only_missing_runs(store, whole):
     child = flying(store, 4 * BLOCK)
     child.kill()
     child.communicate()
@@ -79,7 +79,7 @@ def test_killed_and_started_again_flies_what_is_missing(store, whole):
 
 
 @pytest.mark.real_time
-def test_killed_at_any_moment(store, whole):
+def test_kill_at_any_moment_loses_no_stored_row(store, whole):
     """A minute: forty kills, from the store's first file to the last row."""
     rng, before = np.random.default_rng(0), 0
     for _ in range(40):
@@ -102,7 +102,7 @@ def test_killed_at_any_moment(store, whole):
 
 
 @pytest.mark.real_time
-def test_interrupted_it_ends_soon_and_keeps_its_rows(store, whole):
+def test_interrupted_campaign_ends_soon_and_keeps_its_rows(store, whole):
     child = flying(store, 3 * BLOCK)
     child.send_signal(signal.SIGINT)
     began = time.monotonic()
@@ -134,7 +134,7 @@ small(4096, block=2048, settings=settings).run(sys.argv[1])
 
 
 @pytest.mark.real_time
-def test_interrupted_in_a_block_of_minutes(store):
+def test_interrupt_during_a_long_block_ends_soon(store):
     child = start(store, script=LONG)
     assert child.stdout.readline() == "flies\n"
     time.sleep(1)
@@ -146,7 +146,7 @@ def test_interrupted_in_a_block_of_minutes(store):
 
 
 @pytest.mark.real_time
-def test_second_campaign_on_a_store_that_is_being_written(store, whole):
+def test_rejects_second_campaign_writing_to_the_same_store(store, whole):
     child = flying(store, BLOCK)
     with pytest.raises(InputError, match=r"another campaign is writing to it") as refused:
         small(RUNS).run(store)
@@ -156,7 +156,7 @@ def test_second_campaign_on_a_store_that_is_being_written(store, whole):
 
 
 @pytest.mark.thorough
-def test_more_runs_and_fewer(store, whole):
+def test_more_runs_extend_the_store_and_fewer_read_it(store, whole):
     first = small(5 * BLOCK + 7).run(store)
     assert_same(first.columns, {n: c[: 5 * BLOCK + 7] for n, c in whole.items()})
     more = small(RUNS).run(store)
@@ -190,7 +190,7 @@ np.savez(sys.argv[4], **found.columns)
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("size", ["8k", "200k"])
-def test_disk_that_is_full(tmp_path, whole, size):
+def test_full_disk_error_states_stored_runs(tmp_path, whole, size):
     (tmp_path / "disk").mkdir()
     own = ["unshare", "--mount"] if os.getuid() == 0 else ["unshare", "-rm"]
     trial = [*own, "mount", "-t", "tmpfs", "tmpfs", str(tmp_path / "disk")]

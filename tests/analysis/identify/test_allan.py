@@ -1,4 +1,4 @@
-"""Allan deviation: the textbook's numbers, exact covariances, and noise put in that comes out within its interval."""
+"""Allan deviation: the textbook's values, exact covariances, and recovery of simulated noise within its interval."""
 
 import jax
 import jax.numpy as jnp
@@ -39,7 +39,7 @@ def still_log(seed, n, N, B, K):
     return rng.normal(size=n) * N / np.sqrt(DT) + flicker(rng, n, B) + np.cumsum(rng.normal(size=n)) * K * np.sqrt(DT)
 
 
-def test_the_1000_point_set_of_the_textbook():
+def test_overlapping_deviation_matches_nist_1000_point_set():
     """Riley, NIST SP 1065, section 12.4: n' = 16807 n mod 2147483647, overlapping deviations at 1, 10 and 100."""
     n, y = 1234567890, []
     for _ in range(1000):
@@ -49,7 +49,7 @@ def test_the_1000_point_set_of_the_textbook():
     np.testing.assert_allclose(np.sqrt(overlapping_variance(y, (1, 10, 100))), wanted, rtol=2e-7)
 
 
-def test_variance_against_averages_written_out():
+def test_overlapping_variance_matches_explicit_averages():
     y = np.random.default_rng(0).normal(size=200)
     for m in (1, 3, 8):
         means = np.array([y[i : i + m].mean() for i in range(200 - m + 1)])
@@ -59,7 +59,7 @@ def test_variance_against_averages_written_out():
 
 @pytest.mark.thorough("theta0", "theta1")
 @pytest.mark.parametrize("theta", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 1e-3)])
-def test_covariance_of_the_variances_against_many_logs(theta):
+def test_covariance_of_variances_matches_monte_carlo(theta):
     """4000 logs of 256 samples: each covariance within 5 standard errors of what the second differences say."""
     rng, averages, n, runs = np.random.default_rng(2), (1, 2, 4, 8, 16, 32), 256, 4000
     white, walk = rng.normal(size=(2, runs, n))
@@ -74,8 +74,8 @@ def test_covariance_of_the_variances_against_many_logs(theta):
 
 @pytest.mark.thorough("0.001-0.0-0.001", "0.001-0.001-0.0")
 @pytest.mark.parametrize(("N", "B", "K"), [(1e-3, 0.0, 1e-3), (1e-3, 1e-3, 0.0), (1e-3, 1e-3, 5e-4)])
-def test_what_is_put_in_comes_out_within_the_interval(N, B, K):
-    """95 % intervals of 80 logs: each coefficient is inside as often as 95 % allows, or oftener where it is zero."""
+def test_noise_coefficient_intervals_have_the_stated_coverage(N, B, K):
+    """95 % intervals of 80 logs: each coefficient is inside in about 95 % of logs, or more if it is zero."""
     fits = [fit_allan(still_log(seed, N_SAMPLES, N, B, K), DT) for seed in range(80)]
     for name, true in (("white", N), ("flicker", B), ("walk", K)):
         found = [getattr(f, name) for f in fits]
@@ -88,7 +88,7 @@ def test_what_is_put_in_comes_out_within_the_interval(N, B, K):
 
 
 @pytest.mark.thorough
-def test_the_simulated_unit_gives_back_its_parameters():
+def test_simulated_imu_noise_parameters_are_recovered():
     """Six axes of two simulated 3DM-GX1, still; its quantisation's step²/12 is below the interval of the noise.
 
     The bias walk is made twenty times the unit's, so that a log of two minutes shows it.
@@ -116,7 +116,7 @@ def test_the_simulated_unit_gives_back_its_parameters():
     assert inside >= binom.ppf(0.001, 24, 0.95)
 
 
-def test_a_filter_gets_the_variances_of_its_step():
+def test_filter_noise_gives_variances_per_filter_step():
     fit = fit_allan(still_log(0, N_SAMPLES, 1e-3, 0.0, 1e-3), DT)
     fit = replace(fit, flicker=replace(fit.flicker, value=0.0))
     noise = filter_noise(fit)
@@ -132,7 +132,7 @@ def test_a_filter_gets_the_variances_of_its_step():
     assert K2 * tau / 3 == pytest.approx(floor, rel=1e-9)
 
 
-def test_degrees_of_freedom_are_those_of_the_scatter():
+def test_degrees_of_freedom_match_monte_carlo_scatter():
     """2 mean²/variance of the estimates of 3000 logs of white noise; the standard error of that is 3 %."""
     averages = (1, 2, 4, 8, 16)
     logs = np.random.default_rng(5).normal(size=(3000, 1024))
@@ -142,7 +142,7 @@ def test_degrees_of_freedom_are_those_of_the_scatter():
     np.testing.assert_allclose(fit.freedom, 2 * v.mean(0) ** 2 / v.var(0), rtol=0.12)
 
 
-def test_bars_of_the_plot():
+def test_error_bars_enclose_deviation_and_widen_with_averaging():
     fit = fit_allan(still_log(1, N_SAMPLES, 1e-3, 0.0, 1e-3), DT)
     low, high = confidence_interval(fit)
     assert (low < fit.deviation).all()
@@ -159,7 +159,7 @@ def test_bars_of_the_plot():
         (np.random.default_rng(0).normal(size=200), (1, 2, 4, 90), "averages"),
     ],
 )
-def test_logs_that_say_nothing_are_refused(y, averages, says):
+def test_rejects_short_constant_or_non_finite_logs(y, averages, says):
     with pytest.raises(InputError, match=says):
         fit_allan(y, DT, averages)
     assert octave_averages(1024) == (1, 2, 4, 8, 16, 32, 64, 128)
@@ -170,7 +170,7 @@ def long_noise(seed, walk=1e-4):
     return g.standard_normal(SIZE) * 1e-3 / np.sqrt(DT) + np.cumsum(g.standard_normal(SIZE)) * walk * np.sqrt(DT)
 
 
-def test_noise_passes_also_quantised_and_with_a_walk_that_leads_far():
+def test_motion_check_accepts_quantised_noise_and_random_walk():
     for seed in range(8):
         for y in (long_noise(seed), long_noise(seed, 0.05), np.round(long_noise(seed) / 0.02) * 0.02):
             refuse_motion("gyro", y, fit_allan(y, DT))
@@ -186,7 +186,7 @@ MOTIONS = {
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-def test_motion_is_refused_with_what_was_seen(name):
+def test_motion_check_rejects_motion_and_names_it(name):
     motion, wanted = MOTIONS[name]
     for seed in range(5):
         y = long_noise(seed) + motion

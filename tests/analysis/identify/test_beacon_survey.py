@@ -29,14 +29,14 @@ def surveyed(seed, **settings):
     return survey_beacons(*measured(seed, **settings), range_noise=RANGE, odometry_noise=STEP)
 
 
-def test_without_noise_it_is_exact():
+def test_noise_free_survey_is_exact():
     found = surveyed(0, noise=0.0)
     np.testing.assert_allclose(found.beacons, BEACONS, atol=1e-9)
     np.testing.assert_allclose(found.path, loop(), atol=1e-9)
     assert found.residual < 1e-6
 
 
-def test_against_scipy():
+def test_survey_matches_scipy_least_squares():
     """The same sum of squares, by scipy with differences for the Jacobian."""
     ranges, odometry = measured(1, k=25)
     found = survey_beacons(ranges, odometry, range_noise=RANGE, odometry_noise=STEP)
@@ -54,7 +54,7 @@ def test_against_scipy():
 
 
 @pytest.mark.thorough
-def test_errors_are_what_the_covariance_says():
+def test_survey_errors_match_the_covariance():
     """Normalised squared error of the beacons over 80 surveys: mean of chi-squared, within four of its errors."""
     runs = 80
     found = [surveyed(seed, k=25) for seed in range(runs)]
@@ -65,8 +65,8 @@ def test_errors_are_what_the_covariance_says():
     np.testing.assert_allclose(spread, np.mean([s.standard_errors() for s in found], axis=0), rtol=0.3)
 
 
-def test_better_than_the_path_alone():
-    """Odometry alone ends a centimetre or more off; the ranges hold the path together."""
+def test_surveyed_path_is_better_than_odometry_alone():
+    """Odometry alone drifts by a centimetre or more; the ranges correct the path."""
     ranges, odometry = measured(3)
     found = survey_beacons(ranges, odometry, range_noise=RANGE, odometry_noise=STEP)
     alone = np.concatenate([np.zeros((1, 2)), np.cumsum(odometry, axis=0)])
@@ -75,7 +75,7 @@ def test_better_than_the_path_alone():
     assert abs(found.beacons - BEACONS).max() < 0.03
 
 
-def test_what_cannot_be_surveyed_is_refused():
+def test_rejects_invalid_or_insufficient_survey_data():
     ranges, odometry = measured(0)
     with pytest.raises(InputError, match="shape"):
         survey_beacons(ranges, odometry[:-1], range_noise=RANGE, odometry_noise=STEP)
@@ -90,8 +90,8 @@ def test_what_cannot_be_surveyed_is_refused():
 
 @pytest.mark.parametrize(("range_noise", "step_noise"), [(1e-3, 5e-3), (4e-3, 4e-3), (1e-3, 1e-3), (1e-4, 1e-2)])
 @pytest.mark.parametrize("turn", [0.0, 0.7])
-def test_a_straight_path_is_refused(range_noise, step_noise, turn):
-    """The side and the height of a beacon look the same from a line, whatever millimetres the odometry adds."""
+def test_rejects_a_straight_path(range_noise, step_noise, turn):
+    """From a straight line, side and height of a beacon are indistinguishable, even with odometry noise of a few mm."""
     path = np.stack([np.arange(6.0), np.array([0, 5, -3, 4, -2, 1]) * 1e-3], axis=1)
     ranges = np.hypot(np.arange(6.0) - 2.0, np.hypot(3.0, 2.5))[:, None]
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -100,7 +100,7 @@ def test_a_straight_path_is_refused(range_noise, step_noise, turn):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_far_beacons_from_small_loops_are_right_or_refused(seed):
+def test_distant_beacon_from_small_loop_is_accurate_or_rejected(seed):
     draws, beacon = np.random.default_rng(seed), np.array([10.0, 8.0, -3.0])
     s = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     path = np.stack([np.cos(s) - 1, 0.5 * np.sin(s)], axis=1)

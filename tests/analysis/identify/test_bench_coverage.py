@@ -1,4 +1,4 @@
-"""The virtual bench, two hundred times: what is true lies inside its 95 % intervals as often as they say."""
+"""The virtual bench, repeated two hundred times: its 95 % intervals have the stated coverage."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ REPEATS = 200
 
 
 def calibrate_all(folder: Path) -> Path:
-    """Every procedure of a folder that the bench wrote, as a person types them."""
+    """Run every calibration procedure on the folder written by the bench."""
     out, runner = folder / "boat.toml", CliRunner()
     for name, file, *options in PROCEDURES:
         result = runner.invoke(main, ["calibrate", name, str(folder / file), *options, "--out", str(out), "--json"])
@@ -34,7 +34,7 @@ def calibrate_all(folder: Path) -> Path:
 
 
 @pytest.mark.thorough
-def test_intervals_hold_what_is_true(tmp_path: Path) -> None:
+def test_bench_intervals_have_the_stated_coverage(tmp_path: Path) -> None:
     inside: dict[str, int] = {}
     count: dict[str, int] = {}
     for seed in range(REPEATS):

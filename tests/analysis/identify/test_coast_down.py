@@ -9,7 +9,7 @@ from trimtab.analysis.identify import coast_down
 from trimtab.core.errors import InputError
 
 
-def test_a_coast_down_tells_its_kinds_of_friction_apart() -> None:
+def test_coast_down_separates_the_friction_terms() -> None:
     g = np.random.default_rng(4)
     t = 0.05 * np.arange(200)
 

@@ -1,4 +1,4 @@
-"""Flights of other systems: commands and a motion capture in files of their own, by one mapping."""
+"""Flights of other systems: commands and motion capture in separate files, read with one mapping."""
 
 import json
 from pathlib import Path
@@ -35,8 +35,8 @@ heading = { from = "yaw", unit = "deg", sign = -1, offset = 90 }
 
 
 @pytest.mark.thorough
-def test_the_actuators_do_what_they_did_in_flight_from_before_the_first_command_on() -> None:
-    """80 ms pass until one has come over the radio; the fan stands still, as it does in what drives the fit."""
+def test_actuator_replay_matches_flight_before_first_command() -> None:
+    """The first command arrives after 80 ms; until then the fan stands still, in the flight and in the fit."""
     scenario = build(NAME)
     log, actuators = simulate(scenario, seed=1, duration="4 s", log_period=ms(10)), scenario.world.actuators
     assert not log["uplink.valid"][:8].any()
@@ -56,7 +56,7 @@ def test_the_actuators_do_what_they_did_in_flight_from_before_the_first_command_
 
 
 @pytest.mark.thorough
-def test_a_flight_of_others_is_identified(tmp_path: Path) -> None:
+def test_motion_capture_flight_is_identified(tmp_path: Path) -> None:
     log = capture_flight({"world.vehicle.inertia": "0.12"}, 1, 6.0)
     rows = zip(log.t, 1e6 * log["uplink.value.rudder_pulse"], log["uplink.value.speed_rpm"], strict=True)
     text = "\n".join(f"{t:.4f},{a:.6f},{b:.6f}" for t, a, b in rows)
@@ -78,7 +78,7 @@ def test_a_flight_of_others_is_identified(tmp_path: Path) -> None:
     assert abs(found["value"] - 0.12) < 5 * found["standard_error"] + 2e-5
 
 
-def test_what_was_measured_before_the_first_command_is_left_out(tmp_path: Path) -> None:
+def test_measurements_before_first_command_are_omitted(tmp_path: Path) -> None:
     (tmp_path / "radio.csv").write_text("t,steering,rpm\n" + "".join(f"{0.5 + 0.1 * k:.1f},1500,0\n" for k in range(5)))
     rows = "".join(f"{100 * k},{10 * k},0,{k}\n" for k in range(10))
     (tmp_path / "capture.csv").write_text(f"stamp [ms],x,z,yaw\n{rows}")
@@ -88,7 +88,7 @@ def test_what_was_measured_before_the_first_command_is_left_out(tmp_path: Path) 
     assert len(flight.command_ticks) == len(flight.valid)
 
 
-def test_without_a_mapping_it_says_what_to_type(tmp_path: Path) -> None:
+def test_missing_mapping_error_suggests_the_map_option(tmp_path: Path) -> None:
     (tmp_path / "capture.csv").write_text("stamp [ms],x\n1,2\n2,3\n")
     shown = CliRunner().invoke(main, ["identify", NAME, str(tmp_path / "capture.csv"), "--fit", "delay"])
     assert shown.exit_code == 2

@@ -1,4 +1,4 @@
-"""A gyro identified from a sweep, and what its inverse leaves."""
+"""A gyro identified from a sweep, and the response after compensation by its inverse."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def sweep(gyro: DelayedGyro | IdentifiedGyro, highest: float) -> Measurements:
     return rows(time=t, reference=u, gyro=np.asarray(y) + noise)
 
 
-def test_the_source_s_gyro_comes_back_from_a_sweep() -> None:
+def test_published_gyro_is_recovered_from_a_sweep() -> None:
     """[1] eq. 6.2, behind a delay of two samples."""
     fit = gyro_response.fit_gyro(sweep(IdentifiedGyro(normalised=False), 40))
     assert fit.delay == 2
@@ -34,7 +34,7 @@ def test_the_source_s_gyro_comes_back_from_a_sweep() -> None:
     assert (np.abs(np.array([fit.b0, fit.a1, fit.a2]) - [0.3236, -0.9805, 0.2898]) < 4 * error).all()
 
 
-def test_the_gyro_identified_from_a_sweep_compensates_as_the_source_s_table() -> None:
+def test_gyro_compensation_matches_the_published_table() -> None:
     """[1] table 6.5: compensated over uncompensated gain is 1/|H| at all its frequencies, as printed to two digits."""
     fit = gyro_response.fit_gyro(sweep(IdentifiedGyro(normalised=False), 50))
     f = np.array([5.0, 10, 15, 20, 30, 40, 50])
@@ -46,15 +46,15 @@ def test_the_gyro_identified_from_a_sweep_compensates_as_the_source_s_table() ->
 
 @pytest.mark.thorough("10.0", "15.0")
 @pytest.mark.parametrize("f", [5.0, 10.0, 15.0])
-def test_the_inverse_of_another_gyro_leaves_it_flat(f: float) -> None:
-    """A low-pass of 30 Hz behind two samples, which is not of the model's form."""
+def test_inverse_of_a_delayed_gyro_gives_flat_response(f: float) -> None:
+    """The gyro is a 30 Hz low-pass delayed by two samples, which is outside the model structure."""
     fit = gyro_response.fit_gyro(sweep(DelayedGyro(), 20))
     assert np.max(np.abs(np.roots([1, fit.a1, fit.a2]))) < 1
     flat = abs(frequency_response(*DelayedGyro().coefficients(), f, T)) / abs(fit.response(f))
     assert abs(flat - 1) < 0.02
 
 
-def test_uneven_times_are_refused() -> None:
+def test_rejects_uneven_times() -> None:
     data = sweep(DelayedGyro(), 20)
     late = np.where(np.arange(4000) > 2000, 0.05, 0.0)
     with pytest.raises(InputError, match=r"comes 0\.056"):

@@ -1,4 +1,4 @@
-"""Identification from flights: wrong craft are found out, what can't be told is said, another vehicle's log refused."""
+"""Identification from flights: wrong parameters are found, unidentifiable ones named, foreign logs rejected."""
 
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,7 @@ def fit(settings: dict[str, str], paths: tuple[str, ...], duration: float = 60.0
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("what", CRAFT)
-def test_a_wrong_craft_is_found_out(what: str) -> None:
+def test_wrong_craft_parameters_are_identified(what: str) -> None:
     settings, own = CRAFT[what]
     paths = (*own, *COMMON)
     found = fit(settings, paths)
@@ -63,8 +63,8 @@ def test_a_wrong_craft_is_found_out(what: str) -> None:
 
 
 @pytest.mark.thorough
-def test_what_can_not_be_told_apart_is_named() -> None:
-    """A fan's coefficient and its effectiveness are one product in all that can be seen."""
+def test_indistinguishable_parameters_are_named() -> None:
+    """Only the product of a fan's coefficient and its effectiveness is observable."""
     paths = ("world.actuators.effectiveness", "world.actuators.thruster.coefficient")
     found = fit({}, paths, duration=6.0)
     assert found.groups == (paths,) or found.groups == (paths[::-1],)
@@ -72,7 +72,7 @@ def test_what_can_not_be_told_apart_is_named() -> None:
 
 
 @pytest.mark.thorough
-def test_a_flight_measured_without_error_gives_the_mass_that_flew() -> None:
+def test_noise_free_flight_identifies_the_true_mass() -> None:
     scenario = build(NAME)
     log = simulate(scenario.without("navigation-error"), seed=1, log_period=ms(20), duration="12 s")
     found = identify(scenario, [read_flight(log, scenario)], ["world.vehicle.mass"])
@@ -83,8 +83,8 @@ def test_a_flight_measured_without_error_gives_the_mass_that_flew() -> None:
 
 
 @pytest.mark.thorough
-def test_errors_that_hang_together_are_named() -> None:
-    """A navigation's, which grow for a second: its law answers them, so that the mass is not told."""
+def test_correlated_measurement_errors_are_named() -> None:
+    """The law reacts to navigation errors that are correlated over a second, so the mass cannot be identified."""
     scenario = build(NAME)
     log = simulate(scenario, seed=1, log_period=ms(6))
     found = identify(scenario, [read_flight(log, scenario)], ["world.vehicle.mass"])
@@ -94,7 +94,7 @@ def test_errors_that_hang_together_are_named() -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", [MY_BOAT, NAME])
-def test_intervals_hold_the_mass_that_flew_as_often_as_they_say(name: str) -> None:
+def test_mass_intervals_have_the_stated_coverage(name: str) -> None:
     """100 flights each: a boat by its own noisy sensor, the hovercraft as a motion capture sees it.
 
     The process noise is fitted, too, and can't be below 0, where it is: so they are rather too wide.
@@ -120,14 +120,14 @@ def see_pose(log: Log, scenario: Scenario, seed: int) -> FlightData:
     return FlightData("capture", commands, log.ticks, log.ticks, y, log["uplink.valid"])
 
 
-def test_a_log_of_another_vehicle_is_refused() -> None:
+def test_rejects_log_of_another_vehicle() -> None:
     log = capture_flight({}, 1, 2.0)
     with pytest.raises(InputError, match="has no commands FX, FY"):
         read_flight(log, build("hovercraft/spin").ideal(), name="flight.mcap")
 
 
 @pytest.mark.thorough
-def test_the_verb_writes_a_calibration(tmp_path: Any) -> None:
+def test_identify_command_writes_a_calibration(tmp_path: Any) -> None:
     write_mcap(capture_flight({"world.vehicle.inertia": "0.12"}, 1, 6.0), tmp_path / "flight.mcap")
     words = ["identify", NAME, str(tmp_path / "flight.mcap"), "--fit", "world.vehicle.inertia", "--fit", "delay"]
     shown = CliRunner().invoke(main, [*words, "--out", str(tmp_path / "boat.toml")])
@@ -139,7 +139,7 @@ def test_the_verb_writes_a_calibration(tmp_path: Any) -> None:
 
 
 @pytest.mark.thorough
-def test_a_heading_of_the_wrong_sign_is_not_explained_and_not_written(tmp_path: Any) -> None:
+def test_heading_of_wrong_sign_is_unexplained_and_not_written(tmp_path: Any) -> None:
     log, name = capture_flight({"world.vehicle.inertia": "0.12"}, 1, 6.0), "sensors.mocap.value.heading"
     turned = Log(log.t, log.ticks, {p: -log[p] if p == name else log[p] for p in log.paths}, log.declarations)
     scenario = build(NAME)
@@ -155,7 +155,7 @@ def test_a_heading_of_the_wrong_sign_is_not_explained_and_not_written(tmp_path: 
     assert not (tmp_path / "boat.toml").exists()
 
 
-def test_an_empty_file_with_a_mapping_is_named(tmp_path: Any) -> None:
+def test_empty_measurement_file_is_named_in_error(tmp_path: Any) -> None:
     (tmp_path / "capture.csv").write_text("")
     (tmp_path / "map.toml").write_text("")
     words = ["identify", NAME, str(tmp_path / "capture.csv"), "--map", str(tmp_path / "map.toml"), "--fit", "delay"]
@@ -174,7 +174,7 @@ def test_an_empty_file_with_a_mapping_is_named(tmp_path: Any) -> None:
         ),
     ],
 )
-def test_measurements_that_jump_are_named(change: Any, said: str) -> None:
+def test_jumping_measurements_are_rejected_with_the_cause(change: Any, said: str) -> None:
     log, block = capture_flight({}, 1, 4.0), "sensors.mocap.value"
     signals = {p: change(p.rpartition(".")[2], log[p]) if p.startswith(block) else log[p] for p in log.paths}
     with pytest.raises(InputError, match=said):

@@ -27,7 +27,7 @@ TRIALS = (SpinUpTrial(-20 * DEG, 1.1, 0.9412), SpinUpTrial(25 * DEG, 1.05, -1.02
 
 
 @pytest.mark.parametrize(("trial", "FY", "J"), [(TRIALS[0], -0.28, 0.0952), (TRIALS[1], 0.31, 0.0967)])
-def test_table_4_2(trial, FY, J):
+def test_inertia_of_trials_matches_table_4_2(trial, FY, J):
     """[1] table 4.2: J to 1e-4, with FY rounded to two decimals as the table prints it."""
     got_FY, got_J = trial_inertia(trial, ARM, PSI, decimals=2)
     assert got_FY == pytest.approx(FY, abs=1e-12)
@@ -47,7 +47,7 @@ def test_table_4_2_needs_the_rounded_force():
     assert np.mean(rounded) == pytest.approx(0.0959, abs=1e-4)
 
 
-def test_figure_4_6():
+def test_hull_angle_force_and_inertia_match_figure_4_6():
     """[1] figure 4.6: F = 1.0 N at theta = -30 deg turns at 1.2397 rad/s^2 with J = 0.096."""
     psi = PSI(-30 * DEG)
     FY = lateral_force(1.0, psi)
@@ -69,7 +69,7 @@ def test_fit_is_ordinary_least_squares_over_the_window():
     assert fit.residual == pytest.approx(0.05, rel=0.25)
 
 
-def test_standard_error_is_the_spread_over_many_trials():
+def test_slope_standard_error_matches_monte_carlo_spread():
     rng = np.random.default_rng(1)
     t = np.arange(0, 1.5, 0.0065536)
     fits = [fit_slope(t, 1.24 * t + rng.normal(0, 0.02, len(t))) for _ in range(400)]
@@ -78,7 +78,7 @@ def test_standard_error_is_the_spread_over_many_trials():
     assert np.mean([f.standard_error for f in fits]) == pytest.approx(slopes.std(), rel=0.12)
 
 
-def test_error_of_the_inertia():
+def test_inertia_error_matches_monte_carlo_spread():
     rng = np.random.default_rng(2)
     t = np.arange(0, 1.0, 0.01)
     fit = fit_slope(t, 1.2 * t + rng.normal(0, 0.02, len(t)))
@@ -98,12 +98,12 @@ def test_error_of_the_inertia():
         ([1, 1, 1], [0, 1, 2], "too few for a slope"),
     ],
 )
-def test_refused_data(t, r, says):
+def test_invalid_slope_data_is_rejected(t, r, says):
     with pytest.raises(InputError, match=says):
         fit_slope(t, r)
 
 
-def test_the_straight_part_of_a_spin_up_is_found() -> None:
+def test_straight_part_of_a_spin_up_is_found() -> None:
     g = np.random.default_rng(3)
     t = 0.02 * np.arange(300)
     since = np.maximum(t - 1.5, 0)

@@ -1,4 +1,4 @@
-"""Noise of still triads to a calibration: numbers that made the data are inside their intervals."""
+"""Calibration of noise from still sensor triads: the true parameters lie inside their intervals."""
 
 import math
 
@@ -27,7 +27,7 @@ def is_inside(entry, value):
     return low <= value <= high
 
 
-def test_what_made_the_data_is_inside_its_interval(axes):
+def test_true_noise_parameters_lie_inside_their_intervals(axes):
     found, notes = noise_calibration("gyro", axes, "ten minutes")
     assert notes == ()
     e = found.entries
@@ -46,7 +46,7 @@ def test_what_made_the_data_is_inside_its_interval(axes):
     assert {x.procedure for x in e.values()} == {"gyro noise"}
 
 
-def test_three_axes_tell_more_than_one_and_the_filter_has_its_own(axes):
+def test_three_axes_reduce_standard_error_and_set_filter_axes(axes):
     three = noise_calibration("accelerometer", axes, "").calibration.entries
     one = noise_calibration("accelerometer", {0: axes[0]}, "").calibration.entries
     assert three["AccelerometerErrors.noise"].standard_error == pytest.approx(
@@ -58,7 +58,7 @@ def test_three_axes_tell_more_than_one_and_the_filter_has_its_own(axes):
     assert any("starboard is not written" in n for n in noise_calibration("accelerometer", {0: axes[0]}, "").notes)
 
 
-def test_the_step_is_the_filters(axes):
+def test_filter_noise_scales_with_the_filter_step(axes):
     own, other = (noise_calibration("gyro", axes, "", step).calibration.entries for step in (None, 4 * DT))
     assert other["InertialNoise.gyro"].value == pytest.approx(own["InertialNoise.gyro"].value / 4)
     assert other["InertialNoise.gyro_walk"] == own["InertialNoise.gyro_walk"]
@@ -66,8 +66,8 @@ def test_the_step_is_the_filters(axes):
     assert other["gyro.step"].value == 4 * DT
 
 
-def test_standard_errors_are_the_scatter_of_repeated_logs():
-    """Of 60 short logs: white noise and walk of the filter, whose errors are the delta method's."""
+def test_standard_errors_match_scatter_of_repeated_logs():
+    """60 short logs: errors of white noise and of the filter's noise, computed by the delta method."""
     rng = np.random.default_rng(5)
     names = ("GyroErrors.noise", "InertialNoise.gyro")
     found = [noise_calibration("gyro", {2: fit_allan(log(rng, 4096), DT)}, "").calibration.entries for _ in range(60)]
@@ -77,7 +77,7 @@ def test_standard_errors_are_the_scatter_of_repeated_logs():
         assert said == pytest.approx(scatter, rel=0.3)  # 60 logs know a scatter to 9 %: three of these
 
 
-def test_what_is_not_shown_is_not_written_but_said():
+def test_undetected_noise_terms_are_omitted_with_a_note():
     rng = np.random.default_rng(6)
     axes = {i: fit_allan(log(rng, 4096, walk=0.0), DT) for i in range(3)}
     found, notes = noise_calibration("gyro", axes, "")
@@ -86,8 +86,8 @@ def test_what_is_not_shown_is_not_written_but_said():
     assert any(n.startswith("InertialNoise.gyro_walk is not written") for n in notes)
 
 
-def test_flicker_is_in_the_filters_walk_and_named():
-    """Steps of the output each 20 s hold a flicker floor: a sum of many relaxations, as 1/f noise is made."""
+def test_flicker_noise_is_added_to_filter_walk_with_a_note():
+    """The log contains flicker noise, approximated by a sum of step sequences of many periods."""
     rng = np.random.default_rng(7)
     n, y = 60_000, log(rng, 60_000, walk=0.0)
     for period in (2, 8, 32, 128, 512, 2048, 8192):
@@ -101,7 +101,7 @@ def test_flicker_is_in_the_filters_walk_and_named():
     assert entry.value > 1.2 * fit.walk.value**2
 
 
-def test_axes_that_differ_are_named():
+def test_differing_axes_are_noted():
     rng = np.random.default_rng(8)
     axes = {0: fit_allan(log(rng, 4096), DT), 2: fit_allan(log(rng, 4096, white=2 * N), DT)}
     notes = noise_calibration("gyro", axes, "").notes

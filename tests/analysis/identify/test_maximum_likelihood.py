@@ -1,4 +1,4 @@
-"""The likelihood is that of the dense Gaussian; its scoring and its intervals are those of a linear model."""
+"""Maximum likelihood: value against a dense Gaussian, gradient against differences, intervals of a linear model."""
 
 from typing import Any
 
@@ -48,7 +48,7 @@ def timeline(seed: int, p: Any) -> Timeline:
 TRUE = np.array([0.8, 2.0, 2 * np.log(0.05), 2 * np.log(0.1)])
 
 
-def test_it_is_the_likelihood_of_the_dense_gaussian() -> None:
+def test_likelihood_equals_dense_gaussian_likelihood() -> None:
     data = timeline(0, TRUE)
     F, u = 1 - H * TRUE[0], np.sin(0.4 * np.arange(N))
     mean, cause = np.zeros(N), np.zeros((N, N))
@@ -65,7 +65,7 @@ def test_it_is_the_likelihood_of_the_dense_gaussian() -> None:
 
 
 @pytest.mark.thorough
-def test_the_gradient_is_that_of_differences() -> None:
+def test_likelihood_gradient_matches_finite_differences() -> None:
     likelihood, data = compile_likelihood(model()), timeline(1, TRUE)
     p, h = TRUE + 0.1, 1e-5
     _, g, information = (np.asarray(v) for v in likelihood.score(data, p))
@@ -77,7 +77,7 @@ def test_the_gradient_is_that_of_differences() -> None:
 
 
 @pytest.mark.thorough
-def test_intervals_hold_what_is_true() -> None:
+def test_parameter_intervals_have_the_stated_coverage() -> None:
     inside, likelihood = 0, compile_likelihood(model())
     for seed in range(12):
         data = timeline(100 + seed, TRUE)
@@ -89,6 +89,6 @@ def test_intervals_hold_what_is_true() -> None:
     assert inside >= 19  # of 24, 22.8 expected; fewer by chance 0.4 %
 
 
-def test_what_hangs_together_is_named() -> None:
+def test_collinear_parameters_are_named() -> None:
     J = np.array([[1.0, 2.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 2.0, 0.5, 0.0]])
     assert name_collinear(J.T @ J, ["a", "b", "c", "d"]) == [("d",), ("a", "b")]

@@ -1,4 +1,4 @@
-"""Least squares without the readings that don't belong."""
+"""Least squares with rejection of outliers."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from trimtab.analysis.identify.regression import fit_linear
 
 
-def test_without_outliers_it_is_least_squares() -> None:
+def test_fit_without_outliers_is_ordinary_least_squares() -> None:
     g = np.random.default_rng(0)
     A, b = g.standard_normal((30, 3)), np.array([1.0, -2.0, 0.5])
     y = A @ b + 0.1 * g.standard_normal(30)
@@ -17,7 +17,7 @@ def test_without_outliers_it_is_least_squares() -> None:
     np.testing.assert_allclose(fit.covariance, np.linalg.inv(A.T @ A) * rest[0] / 27, rtol=1e-8)
 
 
-def test_wild_readings_are_left_out_and_only_they() -> None:
+def test_only_outlier_readings_are_left_out() -> None:
     for seed in range(30):
         g = np.random.default_rng(seed)
         x = np.linspace(0, 1, 25)
@@ -30,7 +30,7 @@ def test_wild_readings_are_left_out_and_only_they() -> None:
 
 
 @pytest.mark.thorough
-def test_good_lists_lose_a_reading_once_in_a_hundred() -> None:
+def test_clean_data_loses_readings_in_one_percent() -> None:
     lost = 0
     for seed in range(400):
         g = np.random.default_rng([7, seed])
@@ -40,7 +40,7 @@ def test_good_lists_lose_a_reading_once_in_a_hundred() -> None:
 
 
 @pytest.mark.thorough
-def test_intervals_hold_the_truth() -> None:
+def test_fit_intervals_have_the_stated_coverage() -> None:
     inside = 0
     for seed in range(400):
         g = np.random.default_rng([8, seed])

@@ -1,4 +1,4 @@
-"""The rudder: servo and hull, from readings whose truth is known, and the source's regression."""
+"""The rudder: servo and hull angles from simulated readings, and the published regression."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.rotation import DEG
 
 
-def test_the_source_s_regression_comes_back() -> None:
+def test_published_hull_angle_regression_is_recovered() -> None:
     """[1] eq. 4.3, from readings to half a degree."""
     g = np.random.default_rng(0)
     theta = np.repeat(np.arange(-30, 31, 5.0), 3)
@@ -20,25 +20,25 @@ def test_the_source_s_regression_comes_back() -> None:
     assert hull.correlation < -0.99
 
 
-def test_a_force_against_the_rudder_is_refused() -> None:
+def test_rejects_hull_angle_of_the_wrong_sign() -> None:
     theta = np.arange(-30, 31, 10.0) * DEG
     with pytest.raises(InputError, match="turns with the rudder"):
         rudder.fit_hull_angle(rows(rudder=theta, hull=theta / 1.4))
 
 
-def test_servo_pulses_that_were_not_measured_are_named() -> None:
+def test_unmeasured_servo_pulses_are_named() -> None:
     pulse = np.repeat(1e-3 + 50e-6 * np.arange(18), 2)
     with pytest.raises(InputError, match=r"1\.90, 1\.95, 2\.00 ms"):
         rudder.fit_servo(rows(pulse=pulse, angle=pulse * 100))
 
 
-def test_a_servo_measured_backwards_is_refused() -> None:
+def test_rejects_decreasing_servo_angles() -> None:
     pulse = np.repeat(1e-3 + 50e-6 * np.arange(21), 2)
     with pytest.raises(InputError, match="does not rise"):
         rudder.fit_servo(rows(pulse=pulse, angle=-pulse * 1000 + 1.5))
 
 
-def test_play_is_found_and_does_not_count_as_spread() -> None:
+def test_servo_play_is_estimated_apart_from_scatter() -> None:
     g = np.random.default_rng(1)
     pulse, way = np.tile(1e-3 + 50e-6 * np.arange(21), 4), np.repeat([1.0, -1.0, 1.0, -1.0], 21)
     angle = (pulse - 1.5e-3) * 1200 - way * 1 * DEG + 0.1 * DEG * g.standard_normal(84)

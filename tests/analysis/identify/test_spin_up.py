@@ -1,4 +1,4 @@
-"""Moment of inertia from trials: the source's table."""
+"""Moment of inertia from spin-up trials: the published table."""
 
 import numpy as np
 from analysis.identify.bench_rows import rows
@@ -7,7 +7,7 @@ from trimtab.analysis.identify import spin_up
 from trimtab.core.rotation import DEG
 
 
-def test_the_source_s_two_trials_give_its_moment_of_inertia() -> None:
+def test_published_trials_give_the_published_inertia() -> None:
     """[1] table 4.2: 0.0952 and 0.0967 from forces rounded to two digits; 0.0948 and 0.0982 without rounding."""
     geometry = spin_up.ForceGeometry(0.32, 1.40, 0.566 * DEG, np.zeros((2, 2)))
     data = rows(rudder=[-20 * DEG, 25 * DEG], force=[1.1, 1.05], slope=[0.9412, -1.026])

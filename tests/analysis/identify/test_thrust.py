@@ -1,4 +1,4 @@
-"""Thrust and reverse: the source's cubic, and losses of another form."""
+"""Thrust and reverse thrust: the published cubic, and losses of another form."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from trimtab.core.rotation import DEG
 from trimtab.loop.calibrated import tabulate_thrust
 
 
-def test_the_source_s_cubic_comes_back() -> None:
+def test_published_reverse_thrust_cubic_is_recovered() -> None:
     """[1] eq. 4.4, from its own ratios."""
     n = np.arange(6000, 12001, 500.0)
     forward = 0.0111 * (n / 1000) ** 2
@@ -19,7 +19,7 @@ def test_the_source_s_cubic_comes_back() -> None:
     np.testing.assert_allclose(fit.coefficients, [9.734e-4, -3.277e-2, 3.833e-1, -1.099], rtol=1e-6)
 
 
-def test_thrust_that_falls_otherwise_with_the_rudder_is_told() -> None:
+def test_rudder_thrust_loss_of_another_form_is_detected() -> None:
     g = np.random.default_rng(2)
     theta, n = (v.ravel() for v in np.meshgrid(np.arange(-40, 41, 10.0) * DEG, np.arange(6, 12.1, 1.0)))
     for loss, formula in ((np.cos(theta), True), (1 - 1.2 * theta**2, False)):

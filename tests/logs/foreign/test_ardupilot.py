@@ -9,7 +9,7 @@ from trimtab.core.time import ms
 from trimtab.logs.foreign import read_foreign
 
 
-def test_ardupilot(bins):
+def test_reads_imu_and_yaw_from_an_ardupilot_log(bins):
     section = {"topic": "IMU", "where": {"I": 1}}
     log = read_foreign(bins, mapping(section, angular_rate=gyro(["GyrY", "GyrX", "GyrZ"], "deg/s", sign=[1, 1, -1])))
     assert len(log) == 20
@@ -19,6 +19,6 @@ def test_ardupilot(bins):
     np.testing.assert_allclose(yaw["downlink.imu.value.heading"], np.array([-0.5, 0.5, 1.5]) * DEG, atol=1e-9)
 
 
-def test_two_units_in_one_type_of_message_are_told_apart(bins):
+def test_mixed_imu_instances_require_a_filter(bins):
     with pytest.raises(InputError, match=r"20 rows have the time of another(.|\n)*where = \{I = 0\}"):
         read_foreign(bins, mapping("IMU", angular_rate=gyro(["GyrX", "GyrY", "GyrZ"])))

@@ -1,4 +1,4 @@
-"""Tables to samples: constants, late clocks, places on the globe, and what a table lacks."""
+"""Conversion of tables to samples: constants, clock offsets, geodetic positions, missing fields."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from trimtab.logs.foreign import read_foreign
 from trimtab.logs.foreign.mapping import parse_mapping
 
 
-def test_constants_and_a_late_clock(write):
+def test_converts_constants_and_applies_a_clock_offset(write):
     section = {"time": {"field": "t", "unit": "us", "offset": "-2 ms"}}
     arm = {"constant": [1, 2], "unit": "cm"}
     log = read_foreign(write("t,a\n5000,1\n6000,5\n"), mapping(section, on={"constant": False}, arm=arm))
@@ -18,7 +18,7 @@ def test_constants_and_a_late_clock(write):
     assert log.metadata["start_s"] == pytest.approx(0.003)
 
 
-def test_places_on_the_globe(write):
+def test_latitude_and_longitude_become_local_coordinates(write):
     """A hundredth of a degree at 52 degrees north: 1112.6 m of meridian, 686.5 m of parallel (WGS 84)."""
     file = write("t,lat,lon,alt\n0,52.00,4.00,10\n1,52.01,4.01,15\n")
     place = {"latitude": "lat", "longitude": "lon", "altitude": "alt"}
@@ -40,7 +40,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_a_file_lacks_is_refused(ulog, name):
+def test_rejects_mapping_to_missing_topics_or_fields(ulog, name):
     topic, fields, said = REFUSED[name]
     with pytest.raises(InputError, match=said):
         read_foreign(ulog, mapping(topic, **(fields or {"angular_rate": GYRO})))
@@ -49,7 +49,7 @@ def test_what_a_file_lacks_is_refused(ulog, name):
 @pytest.mark.parametrize(
     ("unit", "si", "size"), [("dps", "rad/s", DEG), ("µs", "s", 1e-6), ("1e-7 deg", "rad", 1e-7 * DEG)]
 )
-def test_sign_and_offset_are_of_the_written_unit(write, unit, si, size):
+def test_sign_and_offset_apply_in_the_mapped_unit(write, unit, si, size):
     log = read_foreign(write("t,x\n0,3\n1,4\n"), mapping(x={"from": "x", "unit": unit, "sign": -1, "offset": 1}))
     np.testing.assert_allclose(log["downlink.imu.value.x"], [-2 * size, -3 * size])
     assert log.unit("downlink.imu.value.x") == si

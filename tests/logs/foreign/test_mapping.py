@@ -1,4 +1,4 @@
-"""Mapping files: what they cannot say is refused."""
+"""Mapping files: invalid entries are rejected."""
 
 import pytest
 from logs.foreign.written import gyro
@@ -30,13 +30,13 @@ WRONG_MAPPINGS = {
 
 
 @pytest.mark.parametrize("name", WRONG_MAPPINGS)
-def test_a_mapping_that_says_something_else_is_refused(name):
+def test_rejects_invalid_mapping_entries(name):
     content, said = WRONG_MAPPINGS[name]
     with pytest.raises(InputError, match=said):
         parse_mapping(content)
 
 
-def test_a_mapping_that_is_no_toml_is_refused(tmp_path, ulog):
+def test_rejects_malformed_or_missing_toml_mapping(tmp_path, ulog):
     file = tmp_path / "map.toml"
     file.write_text("[sensor.imu\n")
     with pytest.raises(InputError, match=r"map.toml': is not TOML: .*line 1"):

@@ -1,4 +1,4 @@
-"""Which format a file has, and which is ours; CSV: units in its line of names, gaps, and what is no log."""
+"""Detection of the format of a file; CSV files: units in the heading, gaps, and invalid files."""
 
 import numpy as np
 import pytest
@@ -12,12 +12,12 @@ from trimtab.logs.mcap import read_mcap, write_mcap
 
 WRONG_FILES = {
     "empty": ("a.ulg", b"", "is empty"),
-    "not that": (
+    "wrong content for its suffix": (
         "a.ulg",
         b"hello, world, hello",
         "is not a ULog file, although its name has that ending(.|\n)*Choices: ULog",
     ),
-    "nothing known": ("a.dat", b"hello, world, hello", r"has an unknown format(.|\n)*\.csv"),
+    "unknown format": ("a.dat", b"hello, world, hello", r"has an unknown format(.|\n)*\.csv"),
     "damaged ulog": ("a.ulg", b"ULog\x01\x12\x35\x01" + b"\xff" * 4, "a.ulg': looks like ULog by its first bytes"),
     "damaged mcap": ("a.mcap", b"\x89MCAP0\r\n" + b"\x07" * 90, "looks like MCAP by its first bytes"),
     "damaged bag": ("a.bag", b"#ROSBAG V2.0\n" + b"\x07" * 90, "looks like a ROS bag by its first bytes"),
@@ -26,21 +26,21 @@ WRONG_FILES = {
 
 
 @pytest.mark.parametrize("name", WRONG_FILES)
-def test_a_file_that_is_none_is_refused(tmp_path, name):
+def test_rejects_files_of_unknown_or_damaged_format(tmp_path, name):
     file, content, said = WRONG_FILES[name]
     (tmp_path / file).write_bytes(content)
     with pytest.raises(InputError, match=said):
         list_topics(tmp_path / file)
 
 
-def test_no_file_and_a_folder_are_refused(tmp_path):
+def test_rejects_missing_file_and_plain_folder(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         list_topics(tmp_path / "none.ulg")
     with pytest.raises(InputError, match=r"without metadata\.yaml"):
         list_topics(tmp_path)
 
 
-def test_a_log_of_ours_is_known(tmp_path, ulog, write):
+def test_recognises_logs_written_by_trimtab(tmp_path, ulog, write):
     own = write_mcap(read_foreign(ulog, mapping("sensor_gyro", angular_rate=GYRO)), tmp_path / "own.mcap")
     assert is_own_log(own)
     assert is_own_log(tmp_path / "none.mcap")
@@ -50,7 +50,7 @@ def test_a_log_of_ours_is_known(tmp_path, ulog, write):
     assert len(read_mcap(own)) == 50
 
 
-def test_csv_says_its_units_and_two_sensors_share_it(write):
+def test_csv_units_are_read_and_two_sensors_share_a_file(write):
     file = write("time [ms],gyro (deg/s),field_x,range\n0,90,1,\n10,,3,250\n20,45,5,\n")
     content = {
         "imu": {"fields": {"yaw_rate": {"from": "gyro"}}},
@@ -66,7 +66,7 @@ def test_csv_says_its_units_and_two_sensors_share_it(write):
     np.testing.assert_allclose(log["downlink.compass.value.field"], [[0], [0.002], [0.004]])
 
 
-def test_unwanted_text_and_times_in_the_unit_of_their_name(write):
+def test_csv_ignores_text_columns_and_reads_time_unit_from_name(write):
     log = read_foreign(write("# a\nTimeUS,mode,x\n1000000,AUTO,1\n1005000,,2\n"), mapping(x={"from": "x", "unit": "1"}))
     np.testing.assert_array_equal(log.ticks, [0, 50_000])
 
@@ -78,18 +78,18 @@ WRONG_CSV = {
         "t,x\n0,5,1,5\n",
         r"line 2 has 4 columns, but there are 2 names: the file seems to have decimal commas",
     ),
-    "words": ("t,x\n0,up\n", r"line 2, column 'x': 'up' is not a number"),
+    "text value": ("t,x\n0,up\n", r"line 2, column 'x': 'up' is not a number"),
     "no rows": ("t,x\n", r"has no rows"),
     "no time": ("when,x\n0,1\n", r"does not name the column of times(.|\n)*Choices: when, x(.|\n)*time = \{field"),
     "all gaps": ("t,x\n0,\n1,\n", r"no row has only finite values: x"),
-    "two of one time": ("t,x\n0,1\n1,2\n1,3\n", r"have the time of another(.|\n)*1\.0000000 s: 2\.0, then 3\.0"),
-    "clock anew": ("t,x\n7,1\n8,2\n0,3\n", r"jump back by 8 s at row 3"),
-    "a time that is none": ("t,x\n0,1\n,3\n", r"row 2 of 't' is nan"),
+    "duplicate time": ("t,x\n0,1\n1,2\n1,3\n", r"have the time of another(.|\n)*1\.0000000 s: 2\.0, then 3\.0"),
+    "clock restarts": ("t,x\n7,1\n8,2\n0,3\n", r"jump back by 8 s at row 3"),
+    "nan time": ("t,x\n0,1\n,3\n", r"row 2 of 't' is nan"),
 }
 
 
 @pytest.mark.parametrize("name", WRONG_CSV)
-def test_csv_that_is_no_log_is_refused(write, name):
+def test_rejects_invalid_csv_logs(write, name):
     text, said = WRONG_CSV[name]
     with pytest.raises(InputError, match=said):
         read_foreign(write(text), mapping(x={"from": "x", "unit": "1"}))

@@ -17,7 +17,7 @@ ROS = gyro(["angular_velocity.x", "angular_velocity.y", "angular_velocity.z"], s
 
 
 @pytest.mark.parametrize("kind", ["rosbag2", "mcap"])
-def test_messages_of_ros_2(tmp_path, kind):
+def test_reads_ros2_messages_from_rosbag2_and_mcap(tmp_path, kind):
     write = write_rosbag2 if kind == "rosbag2" else write_cdr_mcap
     path = write(tmp_path / f"flight.{kind}", "/imu", MESSAGES)
     force = gyro([f"linear_acceleration.{axis}" for axis in "xyz"], "m/s^2")
@@ -34,13 +34,13 @@ def test_messages_of_ros_2(tmp_path, kind):
     assert {"header.stamp", "angular_velocity.z", "log_time"} <= set(topic.fields)
 
 
-def test_a_bag_of_ros_1(tmp_path):
+def test_reads_a_ros1_bag(tmp_path):
     file = write_rosbag1(tmp_path / "old.bag", "/depth", {10**9 + k * 10**8: k / 2 for k in range(4)})
     log = read_foreign(file, mapping("/depth", depth={"from": "data", "unit": "cm"}))
     np.testing.assert_allclose(log["downlink.imu.value.depth"], [0, 0.005, 0.01, 0.015])
 
 
-def test_json_in_mcap_with_gaps(tmp_path):
+def test_reads_json_mcap_with_missing_fields(tmp_path):
     messages = [
         (k * 10**7, {"w": {"z": k}, "ok": k % 2 == 0, "note": "x"} if k != 3 else {"ok": True}) for k in range(6)
     ]
@@ -51,7 +51,7 @@ def test_json_in_mcap_with_gaps(tmp_path):
     assert log.metadata["converted"]["imu"]["not_finite"] == 1
 
 
-def test_other_encodings_are_refused_by_name(tmp_path):
+def test_rejects_unsupported_message_encoding(tmp_path):
     file = write_json_mcap(tmp_path / "a.mcap", "/gyro", [(0, 1)], encoding="protobuf")
     assert list_topics(file)[0].fields == ()
     with pytest.raises(InputError, match=r"topic '/gyro': the messages are neither JSON nor ROS 2 CDR"):

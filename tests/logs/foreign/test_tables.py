@@ -1,4 +1,4 @@
-"""What every reader gives: a missing package by name, messages as columns."""
+"""Functions shared by all readers: missing packages, messages as columns."""
 
 import sys
 
@@ -10,13 +10,13 @@ from trimtab.logs.foreign import list_topics
 from trimtab.logs.foreign.tables import LOG_TIME, flatten_message, stack_messages
 
 
-def test_a_missing_package_is_named(ulog, monkeypatch):
+def test_missing_package_error_names_the_install_command(ulog, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyulog", None)
     with pytest.raises(InputError, match=r"needs the package 'pyulog'(.|\n)*-m pip install \"trimtab\[logs\]\""):
         list_topics(ulog)
 
 
-def test_messages_become_numbers_by_name():
+def test_nested_messages_are_flattened_to_named_columns():
     stamp = {"sec": 3, "nanosec": 5}
     message = {
         "header": {"stamp": stamp, "frame": "imu"},
@@ -29,7 +29,7 @@ def test_messages_become_numbers_by_name():
     assert flat == {"header.stamp": 3_000_000_005, "w[0]": 1, "w[1]": 2.5, "ok": True}
 
 
-def test_what_a_message_lacks_is_no_number():
+def test_missing_message_fields_become_nan():
     table = stack_messages("log file 'a'", "/w", [{"x": 1}, {"y": 2}], [7, 2**63])
     np.testing.assert_array_equal(table.columns["x"], [1, np.nan])
     assert table.columns[LOG_TIME].tolist() == [7, 2**62]

@@ -1,4 +1,4 @@
-"""Logs of PX4: instances, arrays, and what another logger does, rows out of order."""
+"""Logs of PX4: instances, arrays, and unordered rows of another logger."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from logs.foreign.written import GYRO, RATES, gyro, mapping, ulog_bytes
 from trimtab.logs.foreign import list_topics, read_foreign
 
 
-def test_ulog(ulog):
+def test_reads_sensor_topics_from_a_ulog_file(ulog):
     log = read_foreign(ulog, mapping("sensor_gyro", angular_rate=GYRO))
     assert len(log) == 50
     np.testing.assert_array_equal(log.ticks, 40_000 * np.arange(50))
@@ -19,7 +19,7 @@ def test_ulog(ulog):
     assert (second[f"downlink.imu.{RATES}"] == 9).all()
 
 
-def test_topics_are_listed(ulog):
+def test_lists_ulog_topics_with_rows_and_rates(ulog):
     topics = {topic.name: topic for topic in list_topics(ulog)}
     assert set(topics) == {"sensor_gyro", "sensor_gyro[1]", "vehicle_attitude"}
     assert topics["sensor_gyro"].rows == 50
@@ -27,7 +27,7 @@ def test_topics_are_listed(ulog):
     assert "gyro[2]" in topics["sensor_gyro"].fields
 
 
-def test_a_quaternion_gives_its_heading_and_the_truth_is_interpolated(ulog):
+def test_quaternion_gives_heading_and_truth_is_interpolated(ulog):
     truth = {"topic": "vehicle_attitude", "fields": {"heading": {"quaternion": [f"q[{i}]" for i in range(4)]}}}
     log = read_foreign(ulog, mapping("sensor_gyro", truth, angular_rate=GYRO))
     np.testing.assert_allclose(log["truth.heading"], np.pi / 2, rtol=1e-6)
@@ -36,7 +36,7 @@ def test_a_quaternion_gives_its_heading_and_the_truth_is_interpolated(ulog):
     np.testing.assert_allclose(log["truth.heading"], 0, atol=1e-6)
 
 
-def test_rows_out_of_order_are_sorted_and_repeated_ones_dropped(tmp_path):
+def test_unordered_rows_are_sorted_and_duplicates_dropped(tmp_path):
     order = [0, 1, 3, 2, 2, 4, 4, 5]
     file = tmp_path / "a.ulg"
     rows = [(10_000 * k, float(k)) for k in order]

@@ -1,4 +1,4 @@
-"""Distributions against scipy.stats, their texts, and what is refused."""
+"""Distributions compared with scipy.stats, their texts, and invalid ones."""
 
 import numpy as np
 import pytest
@@ -20,11 +20,11 @@ U = np.linspace(0.001, 0.999, 999)
         ("truncated(1, 2, 0, 4)", stats.truncnorm(-0.5, 1.5, 1, 2)),
     ],
 )
-def test_quantiles_are_those_of_scipy(text, oracle):
+def test_quantiles_match_scipy(text, oracle):
     np.testing.assert_allclose(parse_distribution(text).quantile(U, np.nan), oracle.ppf(U), rtol=1e-9, atol=1e-12)
 
 
-def test_shares_are_of_the_scenarios_own_value():
+def test_percentages_are_relative_to_the_nominal_value():
     assert parse_distribution("uniform(80%, 120%)").quantile(np.array([0.25]), -2.0) == pytest.approx(-1.8)
     mixed = parse_distribution("normal(2.6, 10%)")
     assert mixed.quantile(np.array([stats.norm.cdf(1.0)]), 3.0) == pytest.approx(2.9)
@@ -45,7 +45,7 @@ def test_shares_are_of_the_scenarios_own_value():
         ("truncated(110%, 1%, 120%, 130%)", 1.2006841183608144),
     ],
 )
-def test_truncated_far_from_the_mean(text, median):
+def test_truncated_normal_is_accurate_far_from_the_mean(text, median):
     """The medians are roots of sf(z) = (sf(low) + sf(high))/2, computed with 60 digits."""
     found = parse_distribution(text).quantile(U, 1.0)
     bounds = parse_distribution(text).numbers(1.0)[2:]
@@ -56,7 +56,7 @@ def test_truncated_far_from_the_mean(text, median):
     assert (found < bounds[1]).all()
 
 
-def test_std_of_log_is_a_pure_number():
+def test_lognormal_std_is_dimensionless():
     one_sigma = np.array([stats.norm.cdf(1.0)])
     assert parse_distribution("lognormal(2.6, 5%)").quantile(one_sigma, 100.0) == pytest.approx(2.6 * np.exp(0.05))
     for text in ("lognormal(100%, 5%)", "lognormal(100%, 0.05)"):
@@ -65,7 +65,7 @@ def test_std_of_log_is_a_pure_number():
     check_nominal("--spread x", parse_distribution("lognormal(2.6, 5%)"), 0.0)
 
 
-def test_a_choice_takes_each_as_often():
+def test_choices_are_equally_likely():
     picked = parse_distribution("choice(1, 2, 50%)").quantile((np.arange(3000) + 0.5) / 3000, 8.0)
     assert dict(zip(*np.unique(picked, return_counts=True), strict=True)) == {1.0: 1000, 2.0: 1000, 4.0: 1000}
     words = parse_distribution("choice(20 ms, 40 ms)")
@@ -73,7 +73,7 @@ def test_a_choice_takes_each_as_often():
     assert words.amounts == ()
 
 
-def test_a_column_of_a_file_is_drawn_from(tmp_path):
+def test_file_distribution_draws_from_a_column(tmp_path):
     file = tmp_path / "measured.csv"
     file.write_text("mass,arm\n2.7,1\n2.5,2\n2.6,3\n")
     found = parse_distribution(f"file({file}:mass)").quantile(np.array([0.1, 0.5, 0.9]), 1.0)
@@ -96,7 +96,7 @@ def test_a_column_of_a_file_is_drawn_from(tmp_path):
         ("2.6", "unknown distribution"),
     ],
 )
-def test_what_is_no_distribution_is_refused_with_the_way_to_write_it(text, problem):
+def test_rejects_invalid_distribution_with_a_fix(text, problem):
     with pytest.raises(InputError, match=r"Fix: ") as refused:
         parse_distribution(text)
     assert problem in str(refused.value)
@@ -105,14 +105,14 @@ def test_what_is_no_distribution_is_refused_with_the_way_to_write_it(text, probl
 @pytest.mark.parametrize(
     ("content", "problem"), [("mass\n1\nx\n", "not a number"), ("mass\nnan\n", "not finite"), ("a\n1\n", "no column")]
 )
-def test_a_bad_column_is_refused(tmp_path, content, problem):
+def test_rejects_invalid_file_column(tmp_path, content, problem):
     file = tmp_path / "measured.csv"
     file.write_text(content)
     with pytest.raises(InputError, match=problem):
         parse_distribution(f"file({file}:mass)")
 
 
-def test_a_share_of_zero_is_refused():
+def test_rejects_percentage_of_a_zero_nominal_value():
     with pytest.raises(InputError, match="own value is 0"):
         check_nominal("--spread x", parse_distribution("normal(100%, 5%)"), 0.0)
     with pytest.raises(InputError, match="must be above 0"):

@@ -1,4 +1,4 @@
-"""Which numbers of a scenario differ, how they hang together, and what is refused."""
+"""Varied parameters of a scenario, their correlations, and invalid spreads."""
 
 import numpy as np
 import pytest
@@ -28,13 +28,13 @@ def made(scenario, spread, u):
     return values, spread_arrays(spread, scenario, values)
 
 
-def test_a_number_gets_its_own_values(scenario):
+def test_scalar_parameter_gets_its_drawn_values(scenario):
     spread = spread_of(scenario, world__vehicle__mass="uniform(2, 3)")
     _, arrays = made(scenario, spread, np.array([[0.25], [0.5]]))
     assert arrays[MASS].tolist() == [2.25, 2.5]
 
 
-def test_an_array_is_scaled_whole_and_its_numbers_one_by_one(scenario):
+def test_array_is_scaled_and_its_elements_are_varied(scenario):
     table = np.asarray(scenario.world.uplink.latency)
     whole = resolve_spread(scenario, parse_factors([(LATENCY, parse_distribution("uniform(50%, 150%)"))]))
     values, arrays = made(scenario, whole, np.array([[0.25], [0.5]]))
@@ -47,14 +47,14 @@ def test_an_array_is_scaled_whole_and_its_numbers_one_by_one(scenario):
     assert arrays[LATENCY][0, [0, 1, 2, 3, 4]].tolist() == [table[0], 1.0, table[2], 0.25, table[4]]
 
 
-def test_an_option_is_picked_by_number(scenario):
+def test_option_is_selected_by_index(scenario):
     factors = parse_factors([("autopilot.period", parse_distribution("choice(1 ms, 2 ms)"))])
     values, arrays = made(scenario, resolve_spread(scenario, factors), np.array([[0.2], [0.7]]))
     assert values["autopilot.period"].tolist() == [0, 1]
     assert arrays == {}
 
 
-def test_correlated_numbers_keep_their_distributions(scenario):
+def test_correlated_parameters_keep_their_distributions(scenario):
     rho = 0.8
     spread = spread_of(
         scenario,
@@ -82,13 +82,13 @@ def test_correlated_numbers_keep_their_distributions(scenario):
         ("a[b]", "normal(1, 2)", "is not a path"),
     ],
 )
-def test_what_does_not_fit_is_refused(scenario, path, text, problem):
+def test_rejects_invalid_path_or_distribution(scenario, path, text, problem):
     with pytest.raises(InputError, match=r"Fix: ") as refused:
         resolve_spread(scenario, parse_factors([(path, parse_distribution(text))]))
     assert problem in str(refused.value)
 
 
-def test_what_is_named_twice_is_refused():
+def test_rejects_parameter_named_twice():
     one = parse_distribution("normal(1, 2)")
     for other in ("a.b", "a.b[1]"):
         with pytest.raises(InputError, match="named twice"):
@@ -107,14 +107,14 @@ def test_what_is_named_twice_is_refused():
         ),
     ],
 )
-def test_correlations_that_cannot_be_are_refused(scenario, correlate, problem):
+def test_rejects_invalid_correlations(scenario, correlate, problem):
     spread = dict.fromkeys((MASS, INERTIA, "world.vehicle.arm"), "normal(100%, 5%)")
     factors = parse_factors((p, parse_distribution(t)) for p, t in spread.items())
     with pytest.raises(InputError, match=problem):
         resolve_spread(scenario, factors, correlate)
 
 
-def test_an_array_is_moved_along_directions(scenario):
+def test_array_is_varied_along_directions(scenario):
     table = np.asarray(scenario.world.uplink.latency)
     one, two = np.linspace(0, 1e-3, len(table)), np.full(len(table), 2e-3)
     texts = {f"{LATENCY}:{k}": f"along({', '.join(map(repr, map(float, v)))})" for k, v in ((1, one), (2, two))}
@@ -133,12 +133,12 @@ def test_an_array_is_moved_along_directions(scenario):
         (f"{MASS}:1", "along(1)", "got 1; the parameter has shape"),
     ],
 )
-def test_directions_that_are_none_are_refused(scenario, path, text, said):
+def test_rejects_invalid_directions(scenario, path, text, said):
     with pytest.raises(InputError, match=said):
         resolve_spread(scenario, parse_factors([(path, parse_distribution(text))]))
 
 
-def test_a_direction_and_a_number_of_one_array_are_refused(scenario):
+def test_rejects_direction_and_scale_of_one_array(scenario):
     both = [(f"{LATENCY}:1", parse_distribution("along(1, 2)")), (LATENCY, parse_distribution("normal(100%, 5%)"))]
     with pytest.raises(InputError, match="named twice"):
         parse_factors(both)

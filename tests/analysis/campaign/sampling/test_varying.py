@@ -1,4 +1,4 @@
-"""Faults with ranges and inputs in pieces: read, refused, and flown as if each had been written by itself."""
+"""Faults with ranges and piecewise inputs: parsing, rejection, and flights equal to explicitly written ones."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def braking():
     return build(NAME, SHORT)
 
 
-def test_a_range_is_read_with_its_unit_once_or_twice(braking):
+def test_fault_range_unit_is_read_once_or_twice(braking):
     found = parse_fault_range(braking, "downlink off @ 2..10 s for 100 ms..2 s")
     assert found.where == "downlink"
     assert found.text == "downlink off @ 10 s for 2 s"
@@ -43,13 +43,13 @@ def test_a_range_is_read_with_its_unit_once_or_twice(braking):
         ("uplink off @ 1..2 m", "not a time"),
     ],
 )
-def test_what_is_no_range_of_a_fault_is_refused(braking, text, message):
+def test_rejects_invalid_fault_range(braking, text, message):
     with pytest.raises(InputError, match=message):
         parse_fault_range(braking, text)
 
 
 def values_at(plan, u):
-    """What the spread of a plan has at a point."""
+    """Return the scenario and the arrays of a plan at a point of its spread."""
     ready = prepare_campaign(plan)
     spread = resolve_spread(ready.scenario, parse_factors(plan.spread))
     values = spread_values(spread, ready.scenario, np.array([u]))
@@ -57,8 +57,8 @@ def values_at(plan, u):
 
 
 @pytest.mark.thorough
-def test_times_and_sizes_fly_as_if_they_had_been_written():
-    """Two faults of one part, one of another, and one that stands still; in one program."""
+def test_varied_faults_fly_like_explicitly_written_faults():
+    """Two faults of one part, one of another, and one without ranges, all in one program."""
     texts = ("uplink off @ 100..300 ms for 50..150 ms", "uplink delayed by 0.01..0.05 @ 500 ms")
     texts += ("sensor:navigation wrong bias -1..1 @ 0.4..0.6",)
     standing = ("uplink slow by 2 @ 700 ms",)
@@ -82,7 +82,7 @@ def test_times_and_sizes_fly_as_if_they_had_been_written():
 
 
 @pytest.mark.thorough
-def test_pieces_hold_the_stick_and_keep_what_does_not_vary():
+def test_stick_pieces_override_only_the_varied_field():
     texts = ("stick.turn=pieces(4, -1:0.5)",)
     plan = plan_search(
         "test", "hovercraft/pilot", {}, vary=texts, faults=(), **{**COMMON, "settings": {"duration": "4"}}
@@ -96,7 +96,7 @@ def test_pieces_hold_the_stick_and_keep_what_does_not_vary():
     np.testing.assert_array_equal(mode, np.repeat([0, 2], 20))
 
 
-def test_pieces_of_a_stick_with_a_fault_lie_below_it():
+def test_pieces_of_a_faulty_stick_use_the_inner_path():
     faulty = build("hovercraft/pilot", {"duration": "4"}, (), ("sensor:stick off @ 3 s",))
     texts = ("stick.turn=pieces(2, -1:1)", "stick.forward=pieces(2, 0:1)")
     paths = list(pieces_spread(with_pieces(faulty, texts), texts))
@@ -114,12 +114,12 @@ def test_pieces_of_a_stick_with_a_fault_lie_below_it():
         ("navigation.turn=pieces(3, -1:1)", "is not a stick"),
     ],
 )
-def test_what_can_not_be_held_in_pieces_is_refused(text, message):
+def test_rejects_invalid_pieces(text, message):
     with pytest.raises(InputError, match=message):
         with_pieces(build("hovercraft/pilot"), (text,))
 
 
-def test_one_stick_has_one_number_of_pieces_and_a_scenario_without_is_told_so(braking):
+def test_rejects_unequal_piece_counts_and_missing_stick(braking):
     with pytest.raises(InputError, match="already has 3 pieces"):
         with_pieces(build("hovercraft/pilot"), ("stick.turn=pieces(3, -1:1)", "stick.forward=pieces(4, 0:1)"))
     with pytest.raises(InputError, match="which has no stick"):
@@ -127,7 +127,7 @@ def test_one_stick_has_one_number_of_pieces_and_a_scenario_without_is_told_so(br
     assert parse_pieces("stick.turn = pieces( 3 , -1 : 0.5 )").high == 0.5
 
 
-def test_a_spread_of_what_varies_already_is_refused(braking):
+def test_rejects_spread_of_an_already_varied_fault(braking):
     spread = {"world.uplink.fault.start": "uniform(0, 10)"}
     with pytest.raises(InputError, match="already varies"):
         plan_search("test", NAME, spread, fault_ranges=("uplink off @ 0.1..0.5 s",), faults=(), **COMMON)

@@ -1,4 +1,4 @@
-"""Axes: what they change in a scenario, that they go together, and what they refuse."""
+"""Axes of a map: their changes to a scenario, combinations, and invalid axes."""
 
 import numpy as np
 import pytest
@@ -39,26 +39,26 @@ def latency(scenario, axes, values):
     return scenario.world.uplink.latency
 
 
-def test_delay_and_jitter_go_together_in_either_order(forward):
+def test_delay_and_jitter_axes_combine_in_either_order(forward):
     axes = axis_of_link("delay", [0.0, 0.2]), axis_of_link("jitter", [0.0, 0.1])
     table = latency(forward, axes, (0.15, 0.08))
     np.testing.assert_allclose(table, 0.15 + 0.08 * norm.cdf(np.linspace(-4, 4, 65)))
     np.testing.assert_array_equal(table, latency(forward, axes[::-1], (0.08, 0.15)))
 
 
-def test_jitter_alone_sits_on_the_links_own_delay(forward):
+def test_jitter_axis_alone_keeps_the_link_delay(forward):
     np.testing.assert_allclose(latency(forward, [axis_of_link("jitter", [0, 1])], [0.0]), 0.04)
     real, _ = catalogue.load_scenario("hovercraft/forward", {"links": "measured"})
     own = without(real.world.uplink, "jitter").latency
     np.testing.assert_allclose(latency(real, [axis_of_link("jitter", [0, 1])], [0.0]), own)
 
 
-def test_the_spread_is_even():
+def test_jitter_latencies_are_uniformly_distributed():
     z = norm.ppf(np.linspace(0.001, 0.999, 400))
     np.testing.assert_allclose(interpolate_latency(even_latencies(), z), norm.cdf(z), atol=1e-3)
 
 
-def test_a_chain_becomes_a_link_of_the_same_delay_and_packets(forward):
+def test_link_chain_becomes_measured_link_of_equal_delay(forward):
     link = measured_latency(forward, "downlink")
     assert (link.send_period, link.period) == (ms(6), ms(1))
     np.testing.assert_allclose(link.latency, 0.036)
@@ -67,7 +67,7 @@ def test_a_chain_becomes_a_link_of_the_same_delay_and_packets(forward):
     assert with_values(lossy.prepare(forward), lossy.change(forward, 0.3)).world.downlink.loss == 0.3
 
 
-def test_rings_grow_with_the_longest_latency(forward):
+def test_link_buffer_grows_with_the_longest_latency(forward):
     axis = axis_of_link("delay", [0.0, 5.0])
     base = axis.prepare(forward)
     last = with_values(base, axis.change(base, 5.0))
@@ -78,7 +78,7 @@ def test_rings_grow_with_the_longest_latency(forward):
     with_values(grown, axis.change(grown, 5.0)).check()
 
 
-def test_paths_and_factors(forward):
+def test_path_and_scale_axes_change_the_scenario(forward):
     assert axis_of_path("autopilot.law.k2", [1, 2]).change(forward, 1.5) == {"autopilot.law.k2": 1.5}
     drag = axis_of_path("world.vehicle.friction.force_viscous", [0.0, 1.0])
     assert with_values(drag.prepare(forward), drag.change(forward, 0.5)).world.vehicle.friction.force_viscous == 0.5
@@ -97,7 +97,7 @@ def quadrotor():
     return build("quadrotor/track")
 
 
-def test_one_number_of_an_array(quadrotor):
+def test_axis_changes_one_element_of_an_array(quadrotor):
     own = quadrotor.world.vehicle.rotors.places
     for axis, value, wanted in (
         (axis_of_path(f"{PLACES}[2,0]", [-1.0, 1.0]), -0.4, -0.4),
@@ -109,7 +109,7 @@ def test_one_number_of_an_array(quadrotor):
         assert own[2, 0] == -0.315  # the scenario's own stays
 
 
-def test_two_axes_change_two_numbers_of_one_array(quadrotor):
+def test_two_axes_change_two_elements_of_one_array(quadrotor):
     x, y = axis_of_path(f"{PLACES}[0,0]", [0.1, 0.2]), axis_of_scale(f"{PLACES}[2,0]", [0.5, 1.5])
     places = values_at(quadrotor, x, y, 0.2, 0.5)[PLACES]
     assert (places[0, 0], places[2, 0], places[1, 1]) == (0.2, -0.1575, 0.315)
@@ -126,7 +126,7 @@ def test_two_axes_change_two_numbers_of_one_array(quadrotor):
         (lambda: axis_of_path("world.vehicle.mass[0]", [1, 2]), r"shape \(\).*\n.*'world.vehicle.mass'$"),
     ],
 )
-def test_what_is_no_number_of_an_array_is_refused(quadrotor, make, says):
+def test_rejects_invalid_array_element(quadrotor, make, says):
     with pytest.raises(InputError, match=says):
         with_values(quadrotor, make().change(quadrotor, 1.0))
 
@@ -142,19 +142,19 @@ def test_what_is_no_number_of_an_array_is_refused(quadrotor, make, says):
         (lambda s: find_quantity(s, "world.sensors.navigation.period"), "changes the program"),
     ],
 )
-def test_refusals(forward, make, says):
+def test_invalid_axes_are_rejected(forward, make, says):
     with pytest.raises(InputError, match=says):
         make(forward)
 
 
-def test_a_link_that_has_no_latency_is_refused(forward):
+def test_rejects_a_link_without_latency(forward):
     bus = replace(forward, world=replace(forward.world, uplink=SlaveBus()))
     with pytest.raises(InputError, match="SlaveBus has no latency"):
         measured_latency(bus, "uplink")
     assert isinstance(measured_latency(forward, "uplink"), MeasuredLatency)
 
 
-def test_a_predictor_is_told_what_the_uplink_takes_and_reaches_further():
+def test_delay_axis_updates_predictor_delay_and_horizon():
     scenario = build("hovercraft/forward", {"predictor": "on"})
     before = scenario.autopilot.predictor
     delay, jitter = axis_of_link("delay", [0.0, 0.4]), axis_of_link("jitter", [0.0, 0.1])

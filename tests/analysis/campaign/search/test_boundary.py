@@ -1,4 +1,4 @@
-"""Boundaries that are known, traced: nothing of them is missed, and few points are needed."""
+"""Tracing of known boundaries: complete, and with few points."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def comb(x, y):
 
 
 @pytest.mark.parametrize("inside", [disc, snake, comb])
-def test_the_boundary_is_that_of_the_full_grid(inside):
+def test_traced_boundary_equals_the_full_grid_boundary(inside):
     shape = (129, 129)
     values, calls = counted(inside, shape)
     found = trace_boundary(values, (9, 9), 4)
@@ -50,7 +50,7 @@ def test_the_boundary_is_that_of_the_full_grid(inside):
     assert found.evaluated_points < 0.25 * found.of == 0.25 * 129 * 129
 
 
-def test_cells_tile_the_lattice_and_points_keep_their_round():
+def test_cells_tile_the_lattice_without_overlap():
     values, calls = counted(disc, (65, 33))
     found = trace_boundary(values, (5, 3), 4)
     covered = np.zeros((64, 32), int)
@@ -63,13 +63,13 @@ def test_cells_tile_the_lattice_and_points_keep_their_round():
     assert np.isnan(grid).sum() == found.of - found.evaluated_points
 
 
-def test_each_level_is_one_call_where_the_boundary_is_plain():
+def test_straight_boundary_needs_one_call_per_level():
     values, calls = counted(lambda x, y: x + 0.6 * y < 0.77, (65, 65))
     trace_boundary(values, (5, 5), 4)
     assert len(calls) == 5
 
 
-def test_changes_along_a_line():
+def test_crossings_along_a_grid_line_are_found():
     values, _ = counted(disc, (129, 129))
     found = trace_boundary(values, (9, 9), 4)
     line = 64  # y = 0.5
@@ -82,17 +82,17 @@ def test_changes_along_a_line():
     assert [round(b / 128, 1) for _, b in found.crossings(56, axis=1)] == [0.3, 0.9]
 
 
-def test_nothing_to_refine_where_all_is_inside():
+def test_uniform_region_is_not_refined():
     found = trace_boundary(lambda p: np.ones(len(p)), (4, 3), 6)
     assert (found.evaluated_points, len(found.cells), len(found.boundary_cells())) == (12, 6, 0)
 
 
-def test_values_in_between_are_judged_by_the_threshold():
+def test_fractional_values_are_compared_with_the_threshold():
     found = trace_boundary(lambda p: p[:, 0] / 16, (3, 2), 3, threshold=0.8)
     assert found.crossings(0) == [(12, 13)]
 
 
 @pytest.mark.parametrize(("coarse", "depth"), [((1, 5), 3), ((5, 5), -1), ((5, 5), 40)])
-def test_refusals(coarse, depth):
+def test_invalid_grid_and_depth_are_rejected(coarse, depth):
     with pytest.raises(InputError, match="depth"):
         trace_boundary(lambda p: np.ones(len(p)), coarse, depth)

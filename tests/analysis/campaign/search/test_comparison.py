@@ -1,4 +1,4 @@
-"""Two laws in the same runs: the interval of their difference against scipy's."""
+"""Comparison of two laws in the same runs: the interval of the difference equals scipy's."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from scipy import stats
 from trimtab.analysis.campaign.search.comparison import compare
 
 
-def test_comparison_is_the_paired_t_interval_of_scipy():
+def test_comparison_matches_scipy_paired_t_interval():
     rng = np.random.default_rng(2)
     before = rng.standard_normal(40)
     after = before - 0.2 + 0.3 * rng.standard_normal(40)

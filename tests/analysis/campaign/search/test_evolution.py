@@ -23,7 +23,7 @@ def test_minimum_is_found_inside_and_on_the_bounds(least):
     assert found[-1].mean.shape == (len(least),)
 
 
-def test_restarts_start_where_they_are_told_with_twice_the_population():
+def test_restarts_use_given_start_and_double_population():
     starts = []
 
     def start(restart):
@@ -40,7 +40,7 @@ def test_restarts_start_where_they_are_told_with_twice_the_population():
     assert starts == sorted(starts)
 
 
-def test_other_random_numbers_are_left_alone_and_results_repeat():
+def test_evolution_is_repeatable_and_keeps_global_random_state():
     def once():
         return run(lambda x: x.sum(axis=1), lambda restart: np.array([0.5, 0.5]), 200)[1]
 
@@ -52,5 +52,5 @@ def test_other_random_numbers_are_left_alone_and_results_repeat():
     assert np.array_equal(once(), first)
 
 
-def test_a_budget_below_one_generation_flies_nothing():
+def test_budget_below_one_generation_evaluates_no_points():
     assert list(evolve(lambda x: x[:, 0], lambda r: np.zeros(3), step=0.2, population=8, budget=4, seed=0)) == []

@@ -1,4 +1,4 @@
-"""Margins against conditions read off by hand, and searches that find what they should."""
+"""Margins compared with independently evaluated conditions, and searches for known failures."""
 
 import json
 from pathlib import Path
@@ -41,7 +41,7 @@ MORE = ("settling:yaw_rate < inf", "error_rms:yaw_rate <= 0.05", "most:yaw_rate 
 
 
 @pytest.mark.parametrize("text", TEXTS + MORE)
-def test_a_margin_has_the_sign_of_its_condition(text):
+def test_margin_has_the_sign_of_its_condition(text):
     rng = np.random.default_rng(1)
     signal = np.exp(-rng.uniform(0.1, 4, (400, 1)) * T) * np.cos(rng.uniform(0, 6, (400, 1)) * T)
     signal[::7] += rng.uniform(-0.3, 0.3, (len(signal[::7]), 1))
@@ -52,7 +52,7 @@ def test_a_margin_has_the_sign_of_its_condition(text):
     assert np.all(np.abs(found) <= 1)
 
 
-def test_a_formula_is_searched_by_its_robustness():
+def test_formula_margin_is_its_scaled_robustness():
     decay = np.exp(-np.array([[3.0], [1.0], [0.7], [0.2]]) * T)
     found, (condition,), metrics, rows = margins_of(decay, "always[2, 4](abs(truth.yaw_rate) < 0.1)")
     robustness = 0.1 - decay[:, 200]
@@ -61,7 +61,7 @@ def test_a_formula_is_searched_by_its_robustness():
 
 
 @pytest.mark.thorough
-def test_falsify_finds_the_world_that_breaks_a_formula_worst():
+def test_falsify_finds_the_run_with_least_robustness():
     formula = "always[1 s, 2.9 s](truth.surge_velocity > -0.2 m/s)"
     spread = {"world.vehicle.mass": "uniform(60%, 160%)"}
     result = falsify(NAME, spread=spread, success=[formula], runs=600, settings=SHORT)
@@ -73,7 +73,7 @@ def test_falsify_finds_the_world_that_breaks_a_formula_worst():
     assert result.margin <= result.candidate_margins.min() + 1e-12
 
 
-def test_failures_are_ordered_late_then_never_then_lost():
+def test_margins_rank_late_unsettled_and_lost_runs():
     decay = np.exp(-np.array([[3.0], [1.0], [0.7], [0.2], [0.0]]) * T)
     lost = np.where(T < 3, 1e6, np.nan), np.where(T < 1, 1e6, np.inf)
     found, *_ = margins_of(np.vstack([decay, *lost]), "settling:yaw_rate <= 2")
@@ -85,7 +85,7 @@ def test_failures_are_ordered_late_then_never_then_lost():
     assert found[5] == pytest.approx(-2 + 3.0 / T[-1])
 
 
-def test_the_worst_of_the_conditions_counts_and_a_lost_end_fails():
+def test_worst_condition_sets_the_margin_and_lost_runs_fail():
     a, *_ = margins_of(0.04 * np.cos(T), "most:yaw_rate <= 0.05")
     b, *_ = margins_of(0.04 * np.cos(T), "settling:yaw_rate <= 2")
     both, *_ = margins_of(0.04 * np.cos(T), "settling:yaw_rate <= 2", "most:yaw_rate <= 0.05")
@@ -105,7 +105,7 @@ def call(spread, success, *words):
 
 @pytest.fixture(scope="module")
 def worst(tmp_path_factory):
-    """The file that the command wrote, and what the same search found."""
+    """Return the file written by the command, and the result of the same search."""
     file, success = tmp_path_factory.mktemp("worst") / "worst.py", "error_rms:yaw_rate <= 2.5"
     done = call(SPREAD, success, "--runs", 1200, "--seed", 3, "--out", file)
     assert done.exit_code == 1, done.output
@@ -113,7 +113,7 @@ def worst(tmp_path_factory):
 
 
 @pytest.mark.thorough
-def test_search_is_no_better_than_a_grid_says(worst):
+def test_search_margin_is_at_most_the_grid_minimum(worst):
     _, found = worst
     ready = with_margin(prepare_campaign(found.plan))
     nominal = {p: float(v) for p, v, _ in leaves(ready.scenario) if p in SPREAD}
@@ -131,7 +131,7 @@ def test_search_is_no_better_than_a_grid_says(worst):
 
 
 @pytest.mark.thorough
-def test_bounds_are_those_of_the_spread_and_common_random_numbers_repeat(worst):
+def test_search_stays_within_spread_and_repeats_exactly(worst):
     _, found = worst
     mass, k2 = found.values["world.vehicle.mass"] / 2.6, found.values["autopilot.law.k2"] / 2.5
     assert 0.8 <= mass <= 1.2
@@ -143,7 +143,7 @@ def test_bounds_are_those_of_the_spread_and_common_random_numbers_repeat(worst):
 
 
 @pytest.mark.thorough
-def test_the_file_fails_as_found(worst):
+def test_written_scenario_file_fails_as_found(worst):
     file, found = worst
     text = file.read_text(encoding="utf-8")
     assert found.fails
@@ -158,7 +158,7 @@ def test_the_file_fails_as_found(worst):
 
 
 @pytest.mark.thorough
-def test_command_says_what_it_found(tmp_path):
+def test_falsify_command_reports_its_result(tmp_path):
     picture, file = tmp_path / "made" / "worst.png", tmp_path / "w.py"
     done = call(SPREAD, "peak:yaw_rate <= 50", "--runs", 300, "--plot", picture, "--json")
     assert done.exit_code == 0, done.output
@@ -173,8 +173,8 @@ def test_command_says_what_it_found(tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_fault_s_times_are_searched_in_one_program_and_the_worst_flies_again(tmp_path):
-    """The worst cut of the uplink is no better than any of a grid, and its file gives the same margin."""
+def test_fault_times_are_searched_in_one_program_and_replayed(tmp_path):
+    """The worst cut of the uplink has at most the margin of any grid point, and its file gives the same margin."""
     file, success = tmp_path / "cut.py", "error_rms:yaw_rate <= 4.5"
     text = "uplink off @ 0.2..2 s for 50..600 ms"
     before = build_walk_library.cache_info().misses
@@ -217,7 +217,7 @@ def falsify_plan(text, success):
 
 
 @pytest.mark.thorough
-def test_the_worst_hand_on_a_stick_flies_again(tmp_path):
+def test_worst_stick_input_is_replayed(tmp_path):
     file = tmp_path / "hand.py"
     words = ["hovercraft/pilot", "--vary", "stick.turn=pieces(4, -1:1)", "--set", "duration=4 s", "--runs", "320"]
     words += ["--success", "peak:yaw_rate <= 0.2", "--seed", "5", "--json", "--out", str(file)]
@@ -244,20 +244,20 @@ def test_the_worst_hand_on_a_stick_flies_again(tmp_path):
         ({"over": "median"}, "worst, mean"),
     ],
 )
-def test_refused_before_anything_flies(change, said):
+def test_rejects_invalid_arguments_before_flying(change, said):
     with pytest.raises(InputError, match=said):
         falsify(NAME, **{"spread": SPREAD, "settings": SHORT} | change)
 
 
-def test_a_file_that_is_no_scenario_is_refused():
+def test_rejects_output_that_is_not_a_python_file():
     done = call(SPREAD, "peak:yaw_rate <= 50", "--out", "worst.txt")
     assert done.exit_code == 2
     assert "Python file" in done.stderr
 
 
 @pytest.mark.thorough
-def test_a_failure_that_random_runs_miss_is_found():
-    """10 000 random runs: no failure. The falsifier: found for three seeds, in less than 2 000 runs. A minute."""
+def test_falsify_finds_failure_missed_by_random_runs():
+    """10 000 random runs have no failure; falsify finds one for three seeds in fewer than 2 000 runs. One minute."""
     import importlib.util
 
     from trimtab.analysis.campaign.campaign import Campaign

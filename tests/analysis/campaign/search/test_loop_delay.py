@@ -1,4 +1,4 @@
-"""The delay of a loop, against the source's sum and against delays read off a flight."""
+"""The delay of a loop, compared with the published sum and with delays measured in a flight."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def direct(scenario):
     return replace(scenario, world=world, autopilot=replace(scenario.autopilot, allocation=DirectAllocation()))
 
 
-def test_the_sources_loop(forward):
+def test_loop_delay_matches_the_published_sum(forward):
     """[1] section 6.1: 36 + 40 ms, and waits of 10 ms and of up to 3 ms on the mean: 6 ms samples, 20 ms packets."""
     least, mean, most = loop_delay(forward)
     assert least == pytest.approx(0.076)
@@ -33,14 +33,14 @@ def test_the_sources_loop(forward):
     assert most == pytest.approx(0.1)
 
 
-def test_an_ideal_loop_holds_for_one_period(forward):
+def test_ideal_loop_delay_is_half_a_period(forward):
     assert loop_delay(forward.ideal()) == pytest.approx((0.0, 0.0005, 0.001))
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("latency", [0.05, 0.0635])
-def test_the_age_of_what_acts_is_what_a_flight_shows(forward, latency):
-    """Read off a flight: which earlier surge velocity makes the force that acts now, at every millisecond."""
+def test_loop_delay_matches_ages_in_a_flight(forward, latency):
+    """Find in a flight, at every millisecond, the earlier surge velocity that caused the current force."""
     link = MeasuredLatency(latency=np.full(NODES, latency), send_period=ms(20))
     s = direct(forward.without("navigation-error"))
     s = replace(s, world=replace(s.world, uplink=link), duration=seconds(2))
@@ -57,7 +57,7 @@ def test_the_age_of_what_acts_is_what_a_flight_shows(forward, latency):
     assert ages.mean() + 0.5e-3 == pytest.approx(mean, abs=0.6e-3)
 
 
-def test_frames_round_a_latency_up(forward):
+def test_packet_frames_round_latency_up(forward):
     axis = axis_of_link("delay", [0.0, 0.3])
     base = axis.prepare(forward)
 
@@ -67,7 +67,7 @@ def test_frames_round_a_latency_up(forward):
     np.testing.assert_allclose([least(d) for d in (0.0, 0.02, 0.0201, 0.14, 0.141)], [0, 0.02, 0.04, 0.14, 0.16])
 
 
-def test_jitter_adds_half_of_it_on_the_mean(forward):
+def test_jitter_adds_half_its_width_to_mean_delay(forward):
     axis = axis_of_link("jitter", [0.0, 0.1])
     base = axis.prepare(direct(forward))
     without, with_jitter = (loop_delay(with_values(base, axis.change(base, j))) for j in (0.0, 0.1))
@@ -76,6 +76,6 @@ def test_jitter_adds_half_of_it_on_the_mean(forward):
     assert 0 <= with_jitter.least - without.least <= 1.0001e-3  # its least is just above 0: seen a look later
 
 
-def test_links_of_unknown_latency_are_refused(forward):
+def test_rejects_links_of_unknown_latency(forward):
     with pytest.raises(InputError, match="latency of a SlaveBus"):
         loop_delay(replace(forward, world=replace(forward.world, uplink=SlaveBus())))

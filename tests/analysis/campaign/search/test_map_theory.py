@@ -41,7 +41,7 @@ def law_loop(k2):
 
 
 @pytest.mark.thorough
-def test_delay_and_jitter_lines_are_where_the_loop_meets_its_margins(forward):
+def test_criteria_lines_match_delay_and_jitter_margins(forward):
     found = unflown(
         forward, axis_of_link("delay", np.linspace(0, 0.2, 3)), axis_of_link("jitter", np.linspace(0, 0.2, 3))
     )
@@ -60,13 +60,13 @@ def test_delay_and_jitter_lines_are_where_the_loop_meets_its_margins(forward):
     assert (one.margin >= other.margin - 2e-3).all()  # what the theorem allows is stable on the mean
 
 
-def test_the_loop_of_a_scenario_is_that_of_its_law(forward):
+def test_scenario_loop_equals_loop_of_its_law(forward):
     w = np.array([0.5, 6.0])
     np.testing.assert_allclose(linear_loop(forward).frequency_response(w), law_loop(4.0).frequency_response(w))
 
 
 @pytest.mark.thorough
-def test_a_gain_axis_has_a_loop_for_each_value(forward):
+def test_gain_axis_uses_a_loop_for_each_value(forward):
     found = unflown(forward, axis_of_link("delay", [0.0, 0.3]), axis_of_path("autopilot.law.k2", [2.0, 8.0], "kg/s"))
     one, _ = stability_criteria(found, lambda s: loops.lateral(float(s.autopilot.law.k2), 2.8 / 2.6))
     assert one.y[[0, -1]].tolist() == [2.0, 8.0]
@@ -75,7 +75,7 @@ def test_a_gain_axis_has_a_loop_for_each_value(forward):
 
 
 @pytest.mark.thorough
-def test_packet_loss_is_for_scalar_loops(forward):
+def test_packet_loss_criterion_requires_a_scalar_loop(forward):
     pole, gains = 4.0, axis_of_path("autopilot.law.k2", [0.5, 1.5])
     found = unflown(forward, axis_of_link("loss", [0.0, 1.0]), gains)
 
@@ -91,7 +91,7 @@ def test_packet_loss_is_for_scalar_loops(forward):
         stability_criteria(found, lambda s: law_loop(4.0))
 
 
-def test_refusals(forward):
+def test_rejects_scenarios_without_a_stability_criterion(forward):
     gains = axis_of_path("autopilot.law.k1", [1.0, 2.0]), axis_of_path("autopilot.law.k2", [1.0, 2.0])
     with pytest.raises(InputError, match="neither"):
         stability_criteria(unflown(forward, *gains))

@@ -1,4 +1,4 @@
-"""Rare failures of flights: probabilities known otherwise, rounds that are kept, failures that fly again to the bit."""
+"""Rare failures of flights: known probabilities, stored rounds, failures that replay bit for bit."""
 
 import json
 import sys
@@ -39,13 +39,13 @@ def at_rest(p, **more):
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
-    """A folder with the rounds of a failure of one in ten thousand, and what they said."""
+    """Return a folder with the rounds of a failure of probability 1e-4, and the result."""
     folder = tmp_path_factory.mktemp("rare")
     return folder, at_rest(1e-4, runs=RUNS, folder=folder)
 
 
 @pytest.mark.thorough
-def test_a_run_at_rest_has_as_many_samples_as_its_truth_counts():
+def test_run_at_rest_has_expected_sample_count_and_noise():
     signal = "sensors.imu.value.angular_rate"
     batch = simulate_batch(still.scenario(), seeds=range(2000), log=True, signals=(signal,))
     rate = batch.log[signal][:, :, 2]
@@ -55,7 +55,7 @@ def test_a_run_at_rest_has_as_many_samples_as_its_truth_counts():
 
 
 @pytest.mark.thorough
-def test_a_gaussian_of_parameter_and_noise(kept):
+def test_estimates_gaussian_of_parameter_and_noise(kept):
     _, found = kept
     assert found.has_noise
     assert found.probability.low < 1e-4 < found.probability.high
@@ -65,7 +65,7 @@ def test_a_gaussian_of_parameter_and_noise(kept):
 
 
 @pytest.mark.thorough
-def test_a_session_that_goes_on_is_one_that_was_not_broken_off(kept, tmp_path):
+def test_resumed_session_equals_uninterrupted_session(kept, tmp_path):
     folder, found = kept
     state = json.loads((folder / "rare.json").read_text())
     assert len({tuple(kept["sums"]) for kept in state["rounds"]}) == 4
@@ -85,7 +85,7 @@ def test_a_session_that_goes_on_is_one_that_was_not_broken_off(kept, tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_folder_of_another_failure_is_refused(kept, tmp_path):
+def test_rejects_folder_of_another_study(kept, tmp_path):
     folder, _ = kept
     with pytest.raises(InputError, match="another study"):
         at_rest(1e-5, runs=RUNS, folder=folder)
@@ -95,7 +95,7 @@ def test_a_folder_of_another_failure_is_refused(kept, tmp_path):
 
 
 @pytest.mark.thorough
-def test_failures_fly_again_to_the_bit(kept):
+def test_failures_replay_bit_for_bit(kept):
     _, found = kept
     for failure in (found.worst, found.likeliest):
         assert failure.margin < 0
@@ -104,7 +104,7 @@ def test_failures_fly_again_to_the_bit(kept):
     assert abs(found.likeliest.z[0]) <= abs(found.worst.z[0])
 
 
-def test_the_command_writes_failures_that_fail_again(tmp_path):
+def test_rare_command_writes_failures_that_replay(tmp_path):
     words = ["rare", f"{STILL}:scenario", "--runs", str(RUNS), "--out", str(tmp_path), "--json", "--seed", "2"]
     words += [w for path, text in still.SPREAD.items() for w in ("--spread", f"{path}={text}")]
     done = CliRunner().invoke(main, [*words, "--success", *rate_below(1e-3)], catch_exceptions=False)
@@ -123,7 +123,7 @@ def test_the_command_writes_failures_that_fail_again(tmp_path):
 
 
 @pytest.mark.thorough
-def test_what_can_not_be_estimated_is_refused():
+def test_rejects_studies_without_an_estimate():
     for change, message in (
         ({"runs": 100}, "too few"),
         ({"spread": {"world.vehicle.mass": "normal(100%, 20%)"}}, "at an end of its range"),
@@ -141,7 +141,7 @@ MILLIONTH = 1e-6
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
-def test_one_in_a_million_of_parameter_and_noise(capsys):
+def test_estimates_one_in_a_million_of_parameter_and_noise(capsys):
     """A Gaussian bias and the white noise of an IMU, against the normal distribution."""
     found = at_rest(MILLIONTH, runs=200_000, seed=5).probability
     with capsys.disabled():
@@ -152,8 +152,8 @@ def test_one_in_a_million_of_parameter_and_noise(capsys):
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
-def test_coverage_of_flights_at_one_in_a_million(capsys):
-    """Of 100 intervals of 95 %, each of 20 000 flights, as many hold the truth as fits 95 %."""
+def test_flight_interval_coverage_at_one_in_a_million(capsys):
+    """Of 100 intervals at 95 %, each from 20 000 flights, about 95 contain the true value."""
     found = [at_rest(MILLIONTH, runs=20_000, seed=seed).probability for seed in range(100)]
     held = sum(f.low <= MILLIONTH <= f.high for f in found)
     values = np.array([f.value for f in found]) / MILLIONTH
@@ -204,8 +204,8 @@ def quadrature(n=161, halvings=26):
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
-def test_one_in_a_million_of_a_hovercraft(capsys):
-    """A hovercraft that brakes, against a quadrature."""
+def test_hovercraft_rare_failure_matches_quadrature(capsys):
+    """The probability for a braking hovercraft, compared with a quadrature."""
     truth = quadrature()
     found = estimate_rare("hovercraft/zero-velocity", spread=SPIN, **BRAKING, runs=100_000, seed=1)
     p = found.probability
@@ -219,8 +219,8 @@ def test_one_in_a_million_of_a_hovercraft(capsys):
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
-def test_noise_of_a_hovercraft_against_a_plain_campaign(capsys):
-    """Navigation errors alone make it spin too fast: what words of groups draw is as probable as what runs draw."""
+def test_hovercraft_noise_failures_match_a_plain_campaign(capsys):
+    """Only navigation errors make the hovercraft spin too fast; splitting and plain runs draw them alike."""
     limit, settings = ("peak:yaw_rate <= 3.4",), {"duration": "3 s"}
     plain = Campaign("hovercraft/spin", runs=150_000, seed=4, success=limit, settings=settings).run().success
     found = estimate_rare("hovercraft/spin", success=limit, settings=settings, runs=30_000, seed=3).probability

@@ -1,4 +1,4 @@
-"""A written scenario is the one it was written from, to the bit, also from a file of one's own."""
+"""A written scenario equals the original bit for bit, also for a user's scenario file."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def of(path, *names):
     return [next(v for p, v, _ in leaves(build(path)) if p == name) for name in names]
 
 
-def test_values_settings_and_what_is_left_out_come_back(tmp_path):
+def test_values_settings_and_omissions_round_trip(tmp_path):
     plan = CampaignPlan("hovercraft/zero-velocity", (("duration", "2 s"),), ("navigation-error",))
     values = {"world.vehicle.mass": np.float64(0.1 + 0.2), "autopilot.law.k1": np.nextafter(1.0, 2.0)}
     write_scenario(tmp_path / "made" / "found.py", plan, values, 'says """this"""')
@@ -58,7 +58,7 @@ def test_values_settings_and_what_is_left_out_come_back(tmp_path):
     assert {p: str(v) for p, v in again.items()} == {p: str(v) for p, v in rest.items()}
 
 
-def test_a_scenario_of_ones_own_is_found_from_another_folder(tmp_path, monkeypatch):
+def test_user_scenario_loads_from_another_folder(tmp_path, monkeypatch):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "boat.py").write_text(OWN, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
@@ -68,7 +68,7 @@ def test_a_scenario_of_ones_own_is_found_from_another_folder(tmp_path, monkeypat
     assert of("found.py:scenario", "world.vehicle.mass", "duration") == [3.0, 20_000_000]
 
 
-def test_a_recorded_line_is_found_from_another_folder(tmp_path, monkeypatch):
+def test_recorded_link_loads_from_another_folder(tmp_path, monkeypatch):
     (tmp_path / "radio").mkdir()
     (tmp_path / "radio" / "up.csv").write_text("sent_s,latency_s\n0.0,0.041\n0.02,0.5\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
@@ -79,7 +79,7 @@ def test_a_recorded_line_is_found_from_another_folder(tmp_path, monkeypatch):
     assert (mass, np.asarray(latency).tolist()) == (3.0, [0.041, 0.5])
 
 
-def test_parameters_at_a_point_are_those_of_the_distributions():
+def test_parameters_at_a_point_match_the_distributions():
     texts = {"world.vehicle.mass": "uniform(80%, 120%)", "autopilot.law.k1": "normal(2, 0.1)"}
     spread = tuple((p, parse_distribution(t)) for p, t in sorted(texts.items()))
     ready = prepare_campaign(CampaignPlan("hovercraft/zero-velocity", spread=spread, runs=4))
@@ -91,18 +91,18 @@ def test_parameters_at_a_point_are_those_of_the_distributions():
 
 
 @pytest.mark.parametrize("name", ["found.txt", "not a name.py"])
-def test_a_name_that_no_scenario_can_have_is_refused(name, tmp_path):
+def test_rejects_invalid_scenario_file_name(name, tmp_path):
     with pytest.raises(InputError, match="Python file"):
         check_file("--out", tmp_path / name)
 
 
-def test_a_file_written_by_version_0_1_loads(tmp_path):
+def test_file_of_version_0_1_loads(tmp_path):
     (tmp_path / "found.py").write_text(VERSION_0_1, encoding="utf-8")
     mass, duration = of(f"{tmp_path / 'found.py'}:scenario", "world.vehicle.mass", "duration")
     assert (mass, duration) == (2.9, 20_000_000)
 
 
-def test_a_calibration_is_in_the_file(tmp_path):
+def test_calibration_is_written_into_the_file(tmp_path):
     boat = Calibration({"Hovercraft.inertia": Entry(0.11, "kg m^2", 0.002, source='a "bench"')})
     plan = CampaignPlan("hovercraft/zero-velocity", calibration=format_calibration(boat))
     write_scenario(tmp_path / "found.py", plan, {}, "calibrated")

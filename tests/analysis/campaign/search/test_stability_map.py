@@ -1,4 +1,4 @@
-"""Stability maps against linear theory, against flights one by one, and what is refused before anything flies."""
+"""Stability maps compared with linear theory and single flights, and arguments rejected before flying."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from trimtab.vehicles.hovercraft import HovercraftState
 
 @pytest.fixture(scope="module")
 def linear():
-    """Forward flight without noise, limits and frames, from a small error: what linear theory speaks of."""
+    """Return forward flight without noise, limits and packet frames, from a small error, as linear theory assumes."""
     s = catalogue.load_scenario("hovercraft/forward")[0].without("navigation-error")
     s = replace(s, world=replace(s.world, actuators=DirectActuation()), duration=seconds(20))
     s = replace(s, autopilot=replace(s.autopilot, allocation=DirectAllocation()))
@@ -35,14 +35,14 @@ def found(linear):
 
 
 def mean_delay(diagram, delay, y=0.0):
-    """Of the loop (s), at one point of a map."""
+    """Return the mean delay of the loop (s) at one point of a map."""
     values = values_at(diagram.scenario, diagram.x, diagram.y, delay, y)
     return loop_delay(with_values(diagram.scenario, values)).mean
 
 
 @pytest.mark.thorough
-def test_without_jitter_the_boundary_is_the_delay_margin(found):
-    """The mean delay of the loop on both sides of it, 191.2 ms, within a step of the map."""
+def test_boundary_without_jitter_is_the_delay_margin(found):
+    """The mean delay of the loop on both sides of the boundary is 191.2 ms, within a step of the map."""
     law = found.scenario.autopilot.law
     limit = delay_margin(loop_of_law(found.scenario.world.vehicle, law, law.equilibrium())).delay
     ((low, high),) = found.crossings(0.0)
@@ -52,7 +52,7 @@ def test_without_jitter_the_boundary_is_the_delay_margin(found):
 
 
 @pytest.mark.thorough
-def test_a_limit_cycle_inside_the_bands_is_no_success():
+def test_limit_cycle_inside_the_bands_counts_as_failure():
     """Forward flight on its own drive: beyond the delay margin it swings for ever, by 12 % of the band of sway.
 
     The edge is within a step of the margin; judged by the bands alone it lies far beyond.
@@ -72,20 +72,20 @@ def test_a_limit_cycle_inside_the_bands_is_no_success():
 
 
 @pytest.mark.thorough
-def test_jitter_moves_it_to_shorter_delays(found):
+def test_jitter_moves_the_boundary_to_shorter_delays(found):
     ends = [found.crossings(j)[0][1] for j in (0.0, 0.08)]
     assert 0.02 < ends[0] - ends[1] < 0.08
     assert found.traced_boundary.evaluated_points < 0.45 * found.traced_boundary.of == 0.45 * 17 * 17
 
 
 def dies_away(x, small):
-    """Whether the last half swings less than the first by a tenth, or hardly."""
+    """Return True if the amplitude falls by a tenth from the first to the second half, or is negligible."""
     before, last = (part.max() - part.min() for part in (x[: len(x) // 2], x[len(x) // 2 :]))
     return last < 0.9 * before or last / 2 <= small
 
 
 @pytest.mark.thorough
-def test_a_point_is_the_share_of_its_flights_one_by_one(found):
+def test_point_share_equals_single_flight_successes(found):
     edge = np.flatnonzero((found.share > 0) & (found.share < 1))
     for n in edge[:1] if len(edge) else [len(found.share) - 1]:
         a, b = found.sample_points[n]
@@ -100,7 +100,7 @@ def test_a_point_is_the_share_of_its_flights_one_by_one(found):
 
 
 @pytest.mark.thorough
-def test_two_maps_are_the_same_whatever_their_order_of_axes(linear, found):
+def test_swapping_axes_gives_the_same_map(linear, found):
     turned = stability_map(linear, found.y, found.x, runs=3, depth=1)
     shares = {tuple(p): s for p, s in zip(found.sample_points.tolist(), found.share, strict=True)}
     both = [
@@ -113,7 +113,7 @@ def test_two_maps_are_the_same_whatever_their_order_of_axes(linear, found):
 
 
 @pytest.mark.thorough
-def test_success_of_ones_own(linear):
+def test_user_success_function_is_applied(linear):
     def slow(batch):
         return batch.most["truth.yaw_rate"] < 0.1
 
@@ -123,7 +123,7 @@ def test_success_of_ones_own(linear):
     assert (low, high) == pytest.approx((0.075, 0.1))  # it starts at its highest
 
 
-def test_success_of_angles_is_modulo_full_turns(linear):
+def test_angle_targets_are_met_modulo_full_turns(linear):
     s = replace(linear, targets=(Target("truth.heading", 0.1, 0.05),), duration=seconds("0.3"))
     s = replace(s, initial=replace(s.initial, sway_velocity=0.0, yaw_rate=0.0))
     headings = 0.1 + np.array([0.0, 2 * np.pi, -4 * np.pi, 1.0])
@@ -142,7 +142,7 @@ def test_success_of_angles_is_modulo_full_turns(linear):
         ({"depth": 99}, "depth"),
     ],
 )
-def test_refused_before_anything_flies(linear, monkeypatch, change, says):
+def test_rejects_invalid_arguments_before_flying(linear, monkeypatch, change, says):
     monkeypatch.setattr(
         "trimtab.analysis.campaign.search.stability_map.simulate_batch", lambda *a, **k: pytest.fail("it flew")
     )
@@ -151,13 +151,13 @@ def test_refused_before_anything_flies(linear, monkeypatch, change, says):
         stability_map(linear, **(axes | change))
 
 
-def test_a_scenario_without_targets_needs_a_success_function(linear):
+def test_scenario_without_targets_needs_a_success_function(linear):
     with pytest.raises(InputError, match="no targets"):
         target_success(replace(linear, targets=()))
 
 
 @pytest.mark.thorough
-def test_conditions_are_those_of_each_log():
+def test_batch_conditions_match_each_single_log():
     scenario = build("hovercraft/zero-velocity", {"duration": "4"})
     judge, signals = parse_success(scenario, ["peak:truth.surge_velocity <= 0.75", "error_rms:yaw_rate < 3.5"])
     assert signals == ("truth.surge_velocity", "truth.yaw_rate")
@@ -172,15 +172,15 @@ def test_conditions_are_those_of_each_log():
         assert found[seed] == (surge and yaw)
 
 
-def test_a_condition_on_what_there_is_not_is_refused():
+def test_rejects_condition_without_a_target():
     scenario = build("hovercraft/zero-velocity")
     with pytest.raises(InputError, match="no target"):
         parse_success(scenario, ["settling:heading <= 3"])
 
 
 @pytest.mark.thorough
-def test_a_predictor_moves_the_largest_delay_out_four_times():
-    """Forward flight with the source's navigation errors on the same 16 seeds; sway calm to 0.2 m/s over the end."""
+def test_predictor_quadruples_the_largest_stable_delay():
+    """Forward flight with published navigation errors, 16 equal seeds; success is final sway below 0.2 m/s."""
     edges = {}
     for choice, last in (("off", 0.4), ("on", 1.6)):
         scenario = build("hovercraft/forward", {"predictor": choice})
@@ -195,8 +195,8 @@ def test_a_predictor_moves_the_largest_delay_out_four_times():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("name", "start"), [("forward", 2.8 / 2.6), ("reverse", -1.98 / 2.6)])
-def test_linear_loops_turn_within_two_percent_of_the_delay_margin(name, start):
-    """A small error dies away where the mean delay of the loop is 2 % below the margin, and grows 2 % above it."""
+def test_stability_changes_within_two_percent_of_delay_margin(name, start):
+    """A small error decays if the mean delay of the loop is 2 % below the margin, and grows if 2 % above."""
     scenario = catalogue.load_scenario(f"hovercraft/{name}")[0].without("navigation-error")
     scenario = replace(
         scenario,

@@ -1,4 +1,4 @@
-"""Slopes against those of known functions and of differences, and tunings against runs flown beside them."""
+"""Slopes compared with known functions and finite differences, and tunings compared with validation runs."""
 
 import json
 from types import SimpleNamespace
@@ -43,13 +43,13 @@ def call(gains, settings, *words):
 
 
 def jump(x, first):
-    """A cost that jumps by 1 where x0 passes 0.5, and slopes by 0.3 x1; its derivative sees the second only."""
+    """A cost that jumps by 1 at x0 = 0.5 and has slope 0.3 in x1; its derivative contains only the slope."""
     noise = np.random.default_rng(first).standard_normal(len(x) // 2).repeat(2)
     return (x[:, 0] > 0.5) + 0.3 * x[:, 1] + noise, np.tile([0.0, 0.3], (len(x), 1))
 
 
 @pytest.mark.parametrize("x0", [0.42, 0.5, 0.55])
-def test_smoothed_slope_sees_the_jump(x0):
+def test_smoothed_slope_includes_the_jump(x0):
     width, eps = 0.08, np.random.default_rng(5).standard_normal((20000, 2))
     cost, found = estimate_slope(jump, np.array([x0, 0.5]), eps, width, 7)
     known = stats.norm.pdf(0.5, x0, width)  # derivative of P(x0 + width eps > 0.5)
@@ -61,7 +61,7 @@ def test_smoothed_slope_sees_the_jump(x0):
     assert cost == pytest.approx(stats.norm.cdf(x0, 0.5, width) + 0.15, abs=0.03)
 
 
-def test_estimates_that_agree_are_weighted_by_scatter_and_others_by_bias():
+def test_gradient_estimates_are_weighted_by_scatter_and_bias():
     rng = np.random.default_rng(0)
     quiet, loud = 1 + 0.1 * rng.standard_normal((400, 1)), 1 + rng.standard_normal((400, 1))
     assert combine_estimates(quiet, loud).weight[0] > 0.9
@@ -70,7 +70,7 @@ def test_estimates_that_agree_are_weighted_by_scatter_and_others_by_bias():
     assert combine_estimates(quiet + 2, loud).slope[0] == pytest.approx(1, abs=0.2)
 
 
-def test_fold_is_continuous_and_keeps_to_the_range():
+def test_fold_is_continuous_and_stays_in_range():
     y = np.linspace(-1.4, 2.4, 4001)
     x, sign = fold_points(y)
     assert x.min() >= 0
@@ -96,19 +96,19 @@ def test_descent_and_search_find_the_minimum_of_a_noisy_bowl():
     assert steps[-1].flown_runs <= 16 * (60 * 8 + 2)
 
 
-def test_candidates_with_infinite_costs_come_last_in_order():
-    """However large its finite costs are, a candidate with fewer infinite costs is better."""
+def test_candidates_with_infinite_costs_rank_last():
+    """A candidate with fewer infinite costs is better, for any size of its finite costs."""
     finite = [[-1e3, 0, 0, 0], [1, 1, 1, 1], [2, 2, 2, 2], [9e6, 9e6, 9e6, 9e6]]
     costs = np.array([*finite, [-1, 1, 1, np.inf], [9, 9, 9, np.inf], [1, 1, np.inf, np.inf], [np.inf] * 4])
     assert np.all(np.diff(merit(costs, 1.5)) > 0)
 
 
-def test_descent_refuses_a_start_without_slope():
+def test_descent_rejects_a_start_of_infinite_cost():
     with pytest.raises(InputError, match="infinite cost"):
         descend_gradient(lambda x, first: (np.full(len(x), np.inf), x), np.array([0.5]), 8, 3, 0.05, 0)
 
 
-def test_a_gain_that_ends_at_an_end_of_its_range_is_told():
+def test_gains_at_their_bounds_are_reported():
     factors = [SimpleNamespace(text=name) for name in ("low", "inside", "high", "other")]
     gains = Gains(SimpleNamespace(spread=SimpleNamespace(factors=factors)), [0, 1, 2], (1.0, 1.0, 1.0), None)
     assert gains.at_bounds(np.array([0.00004, 0.02, 0.995])) == ("low", "high")
@@ -116,8 +116,8 @@ def test_a_gain_that_ends_at_an_end_of_its_range_is_told():
 
 @pytest.mark.thorough
 @needs_c
-def test_slopes_of_a_cost_are_those_of_differences():
-    """Ideal twin, smooth: derivative of the metric over integrals against central differences of logged runs."""
+def test_cost_slopes_match_finite_differences():
+    """Smooth ideal run: the derivative of the metric over integrals against central differences of logged runs."""
     ideal = replace(build(NAME).ideal(), duration=seconds(3))
     terms = parse_cost("error_rms:yaw_rate + 2*rms:truth.sway_velocity + 0.5*mean:truth.surge_velocity")
     plan = CampaignPlan(NAME, metrics=tuple(t.metric for t in terms), log_period=ms(1))
@@ -146,7 +146,7 @@ def test_slopes_of_a_cost_are_those_of_differences():
 
 @pytest.mark.thorough
 @needs_c
-def test_many_gradients_are_each_that_of_one_run():
+def test_batched_gradients_equal_single_run_gradients():
     scenario = replace(build(NAME), duration=seconds(1))
     of = integral_cost(
         parse_cost("rms:truth.yaw_rate"),
@@ -161,8 +161,8 @@ def test_many_gradients_are_each_that_of_one_run():
 
 @pytest.mark.thorough
 @needs_c
-def test_cost_of_one_run_jumps_where_its_derivative_sees_nothing():
-    """What the page says of one noisy run: over k2 = 2.5 … 2.6, steps a hundred times what the derivatives tell."""
+def test_noisy_cost_jumps_are_missed_by_its_derivative():
+    """In one noisy run over k2 = 2.5 … 2.6, the cost has steps a hundred times larger than its derivative predicts."""
     grid, path = np.linspace(2.5, 2.6, 401), "autopilot.law.k2"
     scenario = build(NAME)
     half = scenario.duration // 2
@@ -183,7 +183,7 @@ def test_cost_of_one_run_jumps_where_its_derivative_sees_nothing():
 @pytest.mark.thorough
 @needs_c
 @pytest.mark.parametrize("method", ["search", "gradient"])
-def test_tuning_helps_in_runs_flown_beside_it(method, tmp_path):
+def test_tuning_improves_held_out_runs(method, tmp_path):
     """From a poor start; held-out costs recomputed from logged rows of the file's scenario and of the old one."""
     poor = SHORT | {"autopilot.law.k2": "0.8"}
     words = (
@@ -220,8 +220,8 @@ def test_tuning_helps_in_runs_flown_beside_it(method, tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_tuning_of_few_runs_that_does_not_help_says_so(tmp_path):
-    """From gains that are good already, on four runs: better in these, worse in others."""
+def test_tuning_without_significant_improvement_is_reported(tmp_path):
+    """Good initial gains are tuned on four runs: the result is better in these runs and worse in others."""
     good = {"autopilot.law.k1": "0.5", "autopilot.law.k2": "2"}
     ranges = {"autopilot.law.k1": "0.5:3", "autopilot.law.k2": "0.5:5"}
     words = ("--cost", "error_rms:yaw_rate", "--runs", 4, "--judge-runs", 64, "--iterations", 6, "--seed", 3)
@@ -237,7 +237,7 @@ def test_a_tuning_of_few_runs_that_does_not_help_says_so(tmp_path):
     assert found["held_out"]["high"] > 0
 
 
-def test_a_lost_run_costs_infinitely_much():
+def test_lost_run_has_infinite_cost():
     columns = {"peak:a": np.array([1.0, 2.0, np.nan]), "lost": np.array([False, True, False])}
     assert evaluate_cost(parse_cost("2*peak:a"), columns).tolist() == [2.0, np.inf, np.inf]
 
@@ -258,12 +258,12 @@ def test_a_lost_run_costs_infinitely_much():
         ({"width": 0.0}, "width"),
     ],
 )
-def test_refused_before_anything_flies(change, said):
+def test_rejects_invalid_arguments_before_flying(change, said):
     with pytest.raises(InputError, match=said):
         tune(NAME, **{"gains": GAINS, "cost": "error_rms:yaw_rate", "settings": SHORT} | change)
 
 
-def test_a_range_is_written_in_numbers_or_shares():
+def test_gain_range_is_given_in_numbers_or_percent():
     assert parse_gain("a", "50%:200%").is_relative
     assert parse_gain("a", "loguniform(0.1, 10)").kind == "loguniform"
     with pytest.raises(InputError, match="settings need a scenario given by name"):
@@ -271,8 +271,8 @@ def test_a_range_is_written_in_numbers_or_shares():
 
 
 @pytest.mark.parametrize(("span", "start"), [("80%:120%", 0.5), ("-4:-0.1", None), ("loguniform(50%, 200%)", 0.5)])
-def test_a_gain_below_zero_moves_within_its_range(span, start):
-    """The range is what comes out of the product; a place in it and its slope go the way that the gain goes."""
+def test_negative_gain_moves_within_its_range(span, start):
+    """The range is that of the scaled value; position in the range and slope follow the direction of the gain."""
     path = "world.vehicle.rotors.places[2,0]"
     found = tune_gains({path: span})
     assert start is None or found.start == pytest.approx([start])
@@ -284,7 +284,7 @@ def test_a_gain_below_zero_moves_within_its_range(span, start):
     assert found.slope(found.start[None]) == pytest.approx((after - before) / 2e-6)
 
 
-def test_a_range_that_lacks_the_own_value_below_zero_is_refused():
+def test_rejects_negative_gain_outside_its_range():
     with pytest.raises(InputError, match=r"-0.315, must lie within -0.63 … -0.3465.*\n.*settings.*places\[2,0\]"):
         tune_gains({"world.vehicle.rotors.places[2,0]": "110%:200%"})
 
@@ -298,7 +298,7 @@ def tune_gains(gains):
     return campaign_gains(PreparedCampaign(plan, scenario, spread, (), (), (), 0), tuple(gains))
 
 
-def test_a_file_that_is_no_scenario_is_refused():
+def test_rejects_output_that_is_not_a_python_file():
     done = call(GAINS, SHORT, "--out", "tuned")
     assert done.exit_code == 2
     assert "Python file" in done.stderr

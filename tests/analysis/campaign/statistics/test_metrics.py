@@ -1,4 +1,4 @@
-"""Metrics of a block against those of each log alone, and texts that are refused."""
+"""Metrics of a block compared with those of each single log, and invalid metric texts."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def column(runs, text):
 
 @pytest.mark.parametrize("signal", ["yaw_rate", "heading"])
 @pytest.mark.parametrize("kind", ["settling", "first_reach", "overshoot", "tail_mean", "tail_rms"])
-def test_a_block_gives_what_each_log_gives_alone(runs, kind, signal):
+def test_block_metrics_equal_single_log_metrics(runs, kind, signal):
     found = column(runs, f"{kind}:{signal}")
     declared = {"truth.yaw_rate": Quantity("rad/s", ""), "truth.heading": Quantity("rad", "", kind="angle")}
     for i in range(60):
@@ -66,13 +66,13 @@ def test_a_block_gives_what_each_log_gives_alone(runs, kind, signal):
         ("error_rms", lambda x: np.sqrt(((x[T[-1] / 2 <= T] - 1) ** 2).mean())),
     ],
 )
-def test_plain_reductions(runs, kind, oracle):
+def test_reductions_match_numpy(runs, kind, oracle):
     found = column(runs, f"{kind}:yaw_rate")
     for i in (0, 1, 2, 3, 59):
         assert found[i] == pytest.approx(oracle(runs["truth.yaw_rate"][i]), rel=1e-12)
 
 
-def test_a_limit_cycle_is_sustained_and_a_swing_that_dies_away_is_not():
+def test_sustained_metric_separates_limit_cycle_from_decay():
     turn = 2 * np.pi * T / (T[-1] / 12)
     swings = {
         "dies away": np.exp(-4 * T / T[-1]) * np.sin(turn),
@@ -89,7 +89,7 @@ def test_a_limit_cycle_is_sustained_and_a_swing_that_dies_away_is_not():
 
 
 @pytest.mark.parametrize("kind", ["error_rms", "most", "peak", "rms", "tail_rms", "sustained", "settling", "overshoot"])
-def test_a_run_that_ran_away_is_infinitely_bad(runs, kind):
+def test_diverged_run_has_infinite_metric(runs, kind):
     assert np.isposinf(column(runs, f"{kind}:yaw_rate")[4])
 
 
@@ -104,13 +104,13 @@ def test_a_run_that_ran_away_is_infinitely_bad(runs, kind):
         ("rms", "write KIND:SIGNAL"),
     ],
 )
-def test_texts_that_are_no_metric_are_refused(text, problem):
+def test_rejects_invalid_metric_text(text, problem):
     with pytest.raises(InputError, match=r"Fix: ") as refused:
         find_metric(text, SIGNALS, TARGETS)
     assert problem in str(refused.value)
 
 
-def test_a_function_of_a_file_is_a_metric(runs, tmp_path):
+def test_function_in_a_file_is_used_as_metric(runs, tmp_path):
     file = tmp_path / "mine.py"
     file.write_text('def last(rows):\n    return rows["yaw_rate"][:, -1]\n\n\nlast.signals = ("truth.yaw_rate",)\n')
     found = find_metric(f"{file}:last", SIGNALS, TARGETS)
@@ -120,7 +120,7 @@ def test_a_function_of_a_file_is_a_metric(runs, tmp_path):
         find_metric(f"{file}:first", SIGNALS, TARGETS)
 
 
-def test_robustness_of_a_block_is_that_of_each_log_alone(runs):
+def test_block_robustness_equals_single_log_robustness(runs):
     text = "eventually[0, 2 s](always[0, 1 s](abs(yaw_rate - 1) < 0.1 rad/s)) or heading < 100 deg"
     units = {"truth.yaw_rate": "rad/s", "truth.heading": "rad"}
     metric = find_metric(f"robustness:{text}", SIGNALS, TARGETS, units)
@@ -143,12 +143,12 @@ def test_robustness_of_a_block_is_that_of_each_log_alone(runs):
         ("robustness:", "write KIND:SIGNAL"),
     ],
 )
-def test_a_formula_that_does_not_fit_the_scenario_is_refused(text, says):
+def test_rejects_formula_that_does_not_match_the_scenario(text, says):
     with pytest.raises(InputError, match=says):
         find_metric(text, SIGNALS, TARGETS, {"truth.yaw_rate": "rad/s"}, 50_000_000)
 
 
-def test_changes_of_a_mode_are_counted():
+def test_changes_metric_counts_mode_changes():
     modes = np.array([[0, 0, 1, 1, 0, 2], [3, 3, 3, 3, 3, 3], [0, 1, 0, 1, 0, 1]], np.int32)
     flags = np.array([[0, 1, 1, 0, 0, 0], [0] * 6, [1] * 6], bool)
     shapes = {"law.mode": (), "actuators.speed_saturated": ()}
@@ -169,14 +169,14 @@ def test_changes_of_a_mode_are_counted():
         ("truth.yaw_rat", "there is no signal 'truth.yaw_rat'.\n", "peak:truth.yaw_rate"),
     ],
 )
-def test_what_no_simulated_run_has_is_refused_in_words(name, says, fix):
+def test_rejects_signals_logged_only_over_a_link(name, says, fix):
     with pytest.raises(InputError) as refused:
         find_metric(f"peak:{name}", SIGNALS, TARGETS)
     assert says in str(refused.value)
     assert fix in refused.value.fix
 
 
-def test_a_row_in_the_band_counts_although_the_target_was_crossed_just_before():
+def test_sample_in_band_takes_precedence_over_crossing_before_it():
     t, band = np.arange(4.0), 0.1
     runs = {"truth.yaw_rate": np.array([[0.0, 1.05, 1.0, 1.0], [0.0, 4.0, 1.0, 1.0], [3.0, 2.0, 0.95, 1.0]])}
     rows = Rows(t, runs, [Target("truth.yaw_rate", 1.0, band)], frozenset())

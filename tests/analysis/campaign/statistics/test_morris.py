@@ -51,13 +51,13 @@ def test_each_trajectory_changes_each_factor_once():
 
 @pytest.mark.thorough("0-1", "0-17", "13-200")
 @pytest.mark.parametrize(("first", "last"), [(0, 1), (3, 4), (0, 17), (13, 200)])
-def test_a_row_depends_on_its_number_alone(first, last):
+def test_design_row_depends_only_on_its_number(first, last):
     whole, part = morris_rows(3, 0, 300, 4), morris_rows(3, first, last, 4)
     np.testing.assert_array_equal(part.u, whole.u[first:last])
     np.testing.assert_array_equal(part.words, whole.words[first:last])
 
 
-def test_a_linear_function_is_exact():
+def test_elementary_effects_of_linear_function_are_exact():
     rows = morris_rows(1, 0, 6 * 4, 3, noise=False)
     assert not rows.words.any()
     found = morris(5 + rows.u @ [2.0, -3.0, 0.0], 1, NAMES, noise=False)
@@ -67,7 +67,7 @@ def test_a_linear_function_is_exact():
     assert (found.trajectories, found.rows, found.order) == (6, 24, ("two", "one", "three"))
 
 
-def test_ishigami_against_all_points_of_the_grid():
+def test_ishigami_effects_match_the_full_grid():
     effects = every_effect(ishigami, 3)
     rows = morris_rows(2, 0, 2000 * 4, 3, noise=False)
     found = morris(ishigami(rows.u), 2, NAMES, noise=False)
@@ -98,13 +98,13 @@ def coverage(function, parameters, count):
 
 
 @pytest.mark.thorough
-def test_intervals_of_mu_hold_what_they_say():
+def test_mu_intervals_have_the_stated_coverage():
     """Ishigami, 20 trajectories; mu* of its second factor has no spread at all; 3 sigma of 120 below 95 %."""
     assert coverage(ishigami, 3, 20)[:2].min() > 0.89
 
 
 @pytest.mark.thorough
-def test_interval_of_sigma_holds_where_effects_are_graded():
+def test_sigma_interval_has_near_stated_coverage():
     """A product of four factors, 100 trajectories: 94 % (4000 repetitions), 3 sigma of 120 below it.
 
     With 20 to 50 trajectories it is 91 % to 93 %, and less for effects of two values only (Ishigami): the logarithm of
@@ -115,7 +115,7 @@ def test_interval_of_sigma_holds_where_effects_are_graded():
 
 
 @pytest.mark.thorough
-def test_noise_reads_as_a_factor_of_the_same_spread():
+def test_noise_has_the_effect_of_an_equal_spread_factor():
     """Uniform noise of width 2 beside a factor of slope 2: mu* 2 both."""
     rows = morris_rows(4, 0, 3000 * 3, 1)
     noise = np.random.default_rng(0).random(6000)[rows.words]
@@ -128,7 +128,7 @@ def test_noise_reads_as_a_factor_of_the_same_spread():
     assert found.mu_low[1] < 0 < found.mu_high[1]
 
 
-def test_runs_that_tell_nothing_say_so():
+def test_uninformative_runs_are_noted():
     rows = morris_rows(4, 0, 80, 3, noise=False)
     y = np.where(rows.u[:, 1] > 0.9, np.nan, rows.u[:, 0])
     assert "no finite value" in morris(y, 4, NAMES, noise=False).note
@@ -143,7 +143,7 @@ def test_refuses_too_few_rows(call):
         call()
 
 
-def test_interval_of_sigma_is_the_jackknife():
+def test_sigma_interval_matches_the_jackknife():
     """Oracle: the variance computed again without each trajectory (Miller 1968)."""
     rows = morris_rows(3, 0, 12 * 4, 3, noise=False)
     found = morris(ishigami(rows.u), 3, NAMES, noise=False)

@@ -24,7 +24,7 @@ def trials(successes, n):
 @pytest.mark.parametrize(
     ("successes", "outcome"), [(1000, "met"), (996, "met"), (995, "undecided"), (985, "undecided"), (984, "not met")]
 )
-def test_success_against_the_binomial(successes, outcome):
+def test_success_requirement_matches_binomial_tails(successes, outcome):
     """met: fewer failures than 5 % of campaigns at exactly 0.99 would have; not met: more than 5 % would have."""
     found = judged("success >= 0.99 @ 95%", success=trials(successes, 1000))
     so_many, so_few = stats.binom.sf(successes - 1, 1000, 0.99), stats.binom.cdf(successes, 1000, 0.99)
@@ -33,14 +33,14 @@ def test_success_against_the_binomial(successes, outcome):
     assert found.value == successes / 1000
 
 
-def test_success_from_above():
+def test_upper_limit_on_success_is_judged():
     assert judged("success <= 0.05", success=trials(0, 100)).outcome == "met"
     assert judged("success <= 0.05", success=trials(5, 100)).outcome == "undecided"
     assert judged("success <= 0.05", success=trials(30, 100)).outcome == "not met"
 
 
 @pytest.mark.parametrize(("p", "relation"), [(0.95, "<="), (0.95, ">="), (0.2, "<="), (0.2, ">=")])
-def test_a_quantile_is_judged_as_the_share_beyond_its_limit(p, relation):
+def test_quantile_requirement_equals_share_within_limit(p, relation):
     """An order statistic below the limit, and enough runs below the limit, are the same statement."""
     rng = np.random.default_rng(4)
     seen = set()
@@ -57,7 +57,7 @@ def test_a_quantile_is_judged_as_the_share_beyond_its_limit(p, relation):
     assert seen == {"met", "not met", "undecided"}
 
 
-def test_runs_without_a_number_count_against_it_on_either_side():
+def test_non_finite_runs_count_as_violations():
     x = np.r_[np.zeros(940), [np.nan] * 30, [np.inf] * 30]
     below, above = judged("p95(m) <= 1", m=x), judged("p5(m) >= -1", m=x)
     assert (below.outcome, above.outcome) == ("undecided", "undecided")
@@ -68,7 +68,7 @@ def test_runs_without_a_number_count_against_it_on_either_side():
     assert judged("mean(m) <= 1", m=x).outcome == judged("max(m) <= 1", m=x).outcome == "not met"
 
 
-def test_too_few_runs_are_undecided_and_say_how_many_it_takes():
+def test_too_few_runs_are_undecided_and_needed_runs_stated():
     found = judged("success >= 0.99", success=trials(298, 298))
     assert found.outcome == "undecided"
     assert "at least 299 runs are needed" in str(found)
@@ -76,7 +76,7 @@ def test_too_few_runs_are_undecided_and_say_how_many_it_takes():
     assert not judged("success >= 0.99", True, success=trials(299, 299)).is_met
 
 
-def test_mean():
+def test_mean_requirement_is_met_undecided_or_not_met():
     x = np.random.default_rng(0).normal(2, 1, 400)
     width = stats.t.ppf(0.95, 399) * stats.sem(x)
     for limit, outcome in ((1.05, "met"), (0.5, "undecided"), (-1.05, "not met")):
@@ -84,7 +84,7 @@ def test_mean():
     assert judged("mean(m) <= 9", m=np.full(500, 3.0)).outcome == "undecided"
 
 
-def test_extremes_speak_of_the_runs_flown():
+def test_max_and_min_requirements_judge_only_flown_runs():
     x = np.arange(1000.0)
     found = judged("max(m) <= 999", m=x)
     assert found.is_met
@@ -96,15 +96,15 @@ def test_extremes_speak_of_the_runs_flown():
     assert "of all possible runs" not in str(judged("max(m) >= 999", m=x))
 
 
-def test_which_bound_decided_is_said():
+def test_verdict_text_names_the_deciding_bound():
     assert "at least 0.9937" in str(judged("success >= 0.99", success=trials(998, 1000)))
     assert "at most 0.9" in str(judged("success >= 0.99", success=trials(900, 1000)))
     assert "one-sided" in str(judged("success >= 0.99", success=trials(998, 1000)))
 
 
 @pytest.mark.thorough
-def test_it_is_wrongly_met_in_at_most_5_per_cent():
-    """True probability exactly at the limit, and at the limit's quantile: 2000 campaigns each."""
+def test_false_acceptance_rate_is_at_most_5_percent():
+    """The true probability or quantile lies exactly at the limit; 2000 campaigns each."""
     rng = np.random.default_rng(9)
     met = [judged("success >= 0.9", success=trials(k, 400)).is_met for k in rng.binomial(400, 0.9, 2000)]
     assert 0.02 < np.mean(met) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 2000)
@@ -114,7 +114,7 @@ def test_it_is_wrongly_met_in_at_most_5_per_cent():
 
 
 @pytest.mark.parametrize("success", [[0.5, 1.0], [np.nan, 1.0], [], [[True]]])
-def test_refuses_what_is_no_success(success):
+def test_rejects_invalid_success_column(success):
     with pytest.raises(InputError, match="success"):
         judged("success >= 0.5", success=success)
 
@@ -131,7 +131,7 @@ def test_refuses_what_is_no_success(success):
         ("mean(x) <= 1", 30),
     ],
 )
-def test_how_many_runs_it_takes_at_least(text, runs):
+def test_least_runs_match_the_tolerance_tables(text, runs):
     """299 and 59: the numbers every tolerance table has (Wilks 1941)."""
     requirement = parse_requirement(text)
     assert least_runs(requirement) == runs

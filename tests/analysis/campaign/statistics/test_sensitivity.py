@@ -31,7 +31,7 @@ def rows_of(base, seed=0, parameters=3, noise=False):
     return saltelli_rows(seed, 0, base * rows_per_base(parameters, noise=noise), parameters, noise=noise)
 
 
-def test_ishigami():
+def test_sobol_indices_of_ishigami_function():
     """4096 base samples: within 0.01, and within the bootstrap's interval."""
     found = sensitivity(ishigami(rows_of(4096).u), NAMES, noise=False)
     first, total = ishigami_indices()
@@ -47,7 +47,7 @@ def test_ishigami():
 
 
 @pytest.mark.thorough
-def test_intervals_hold_the_indices_at_least_as_often_as_they_say():
+def test_index_intervals_have_at_least_the_stated_coverage():
     """100 seeds of 256 base samples; 3 sigma of 100 repetitions."""
     first, total = ishigami_indices()
     held, spread = [], []
@@ -62,7 +62,7 @@ def test_intervals_hold_the_indices_at_least_as_often_as_they_say():
 
 
 @pytest.mark.thorough
-def test_intervals_are_right_for_independent_base_samples():
+def test_index_intervals_are_exact_for_independent_samples():
     """What the bootstrap assumes: 200 repetitions of 256 random base samples, 95 ± 4.6 % (3 sigma)."""
     first, total = ishigami_indices()
     rng, held = np.random.default_rng(12), []
@@ -76,7 +76,7 @@ def test_intervals_are_right_for_independent_base_samples():
     np.testing.assert_allclose(np.mean(held, axis=0), 0.95, atol=0.046)
 
 
-def test_bootstrap_is_that_of_scipy_with_other_draws():
+def test_bootstrap_matches_scipy_with_other_draws():
     rows = rows_of(256, 5)
     y = ishigami(rows.u)
     table = y.reshape(256, 5)
@@ -108,7 +108,7 @@ def test_noise_is_a_factor_with_its_share_of_the_variance():
 
 
 @pytest.mark.thorough
-def test_noise_that_a_parameter_scales_acts_together_with_it():
+def test_parameter_scaled_noise_shows_as_interaction():
     """y = u n: V = 1/3; S of u is 0; T of u is 1/4; the noise alone has 3/4."""
     rows = rows_of(8192, 3, parameters=1, noise=True)
     found = sensitivity(rows.u[:, 0] * noise_of(rows.words), ("scale",))
@@ -116,7 +116,7 @@ def test_noise_that_a_parameter_scales_acts_together_with_it():
     np.testing.assert_allclose(found.total, [0.25, 1], atol=0.04)
 
 
-def test_success_has_indices_too():
+def test_sobol_indices_of_a_success_flag():
     """Success where u1 < 0.5 and u2 < 0.5: V = 3/16, S = 1/3, T = 2/3 each."""
     rows = rows_of(1024)
     found = sensitivity((rows.u[:, :2] < 0.5).all(axis=1), NAMES, noise=False)
@@ -124,7 +124,7 @@ def test_success_has_indices_too():
     np.testing.assert_allclose(found.total, [2 / 3, 2 / 3, 0], atol=0.02)
 
 
-def test_a_run_that_ran_away_leaves_no_variance_but_ranks():
+def test_diverged_runs_require_rank_based_indices():
     rows = rows_of(512)
     y = np.exp(5 * rows.u[:, 0]) + rows.u[:, 1]
     y[y > np.exp(4.9)] = np.nan
@@ -138,13 +138,13 @@ def test_a_run_that_ran_away_leaves_no_variance_but_ranks():
     np.testing.assert_allclose(same.total, sensitivity(rows.u[:, 0], NAMES, noise=False).total, atol=0.01)
 
 
-def test_equal_runs_have_nothing_to_explain():
+def test_equal_runs_give_no_indices_and_a_note():
     found = sensitivity(np.full(500, 3.0), NAMES, noise=False)
     assert "no variance to explain" in found.note
     assert np.isnan(found.total).all()
 
 
-def test_whole_base_samples_up_to_a_power_of_two_are_used():
+def test_only_power_of_two_base_samples_are_used():
     y = ishigami(rows_of(300).u)
     found, same = sensitivity(y[:1499], NAMES, noise=False), sensitivity(y[:1280], NAMES, noise=False)
     assert (found.base, found.rows) == (256, 1280)

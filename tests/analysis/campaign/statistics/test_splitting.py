@@ -1,4 +1,4 @@
-"""Splitting against probabilities known in closed form, and intervals that hold the truth as often as they say."""
+"""Splitting compared with probabilities in closed form, and intervals with the stated coverage."""
 
 import numpy as np
 import pytest
@@ -65,7 +65,7 @@ def make(name):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_known_probability(name):
+def test_splitting_estimates_a_known_probability(name):
     margins, d, m, p = make(name)
     found, ladder, descent, roots = estimate(margins, d, m, 60_000, seed=1)
     assert found.low < p < found.high
@@ -90,7 +90,7 @@ def beyond(b):
     return lambda z, words: b - np.minimum(z[:, 0], word_normals(words[:, 0]))
 
 
-def test_steps_leave_what_lies_below_a_level_as_it_is():
+def test_mcmc_steps_preserve_the_conditional_distribution():
     rng, b = np.random.default_rng(2), 1.0
     at = below(rng, 4000, b)
     first = at
@@ -108,8 +108,8 @@ def test_steps_leave_what_lies_below_a_level_as_it_is():
     assert abs(np.corrcoef(at.z[:, 0], at.words[:, 0])[0, 1]) < 4 / np.sqrt(len(at.margin))
 
 
-def test_a_bad_ladder_is_still_unbiased():
-    """Uneven levels and steps far too short: wider, not wrong."""
+def test_poor_ladder_gives_an_unbiased_estimate():
+    """Uneven levels and far too short steps widen the interval, but the estimate stays unbiased."""
     p, margins = 1e-3, linear(-special.ndtri(1e-3))
     levels = -special.ndtri(p) - np.array([0.4, 1.9, -special.ndtri(p)])
     ladder = Ladder(levels, np.full((2, 2), 0.05), np.array([0.05, 0.9]), 0.0, 0)
@@ -119,14 +119,14 @@ def test_a_bad_ladder_is_still_unbiased():
     assert abs(counts.mean() - p) < 3.5 * error
 
 
-def test_a_plateau_stalls_and_says_where():
+def test_margin_plateau_raises_stalled_with_its_level():
     with pytest.raises(Stalled) as stalled:
         set_ladder(lambda z, w: np.where(z[:, 0] > 5, -1.0, 0.25), np.random.default_rng(0), 1000, 2, 0)
     assert stalled.value.level == 0.25
     assert stalled.value.flown == 1000
 
 
-def test_no_failure_gives_no_bound():
+def test_no_failure_gives_no_upper_bound():
     ladder = Ladder(np.array([0.0]), np.zeros((0, 1)), np.zeros(0), 0.0, 0)
     found = probability(np.zeros(BATCHES), 10, ladder)
     assert (found.value, found.low, found.high) == (0.0, 0.0, np.inf)
@@ -135,8 +135,8 @@ def test_no_failure_gives_no_bound():
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("name", ["two parameters", "noise alone", "both", "two corners"])
-def test_coverage_at_one_in_a_million(name, capsys):
-    """Of 100 estimates with 95 % intervals, as many hold the truth as fits 95 %, and the mean is the truth."""
+def test_interval_coverage_at_one_in_a_million(name, capsys):
+    """Of 100 intervals at 95 %, about 95 contain the true value, and the mean estimate is unbiased."""
     margins, d, m, p = make(name)
     found = [estimate(margins, d, m, 100_000, seed)[0] for seed in range(100)]
     held = sum(f.low <= p <= f.high for f in found)

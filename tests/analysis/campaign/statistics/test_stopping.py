@@ -1,4 +1,4 @@
-"""Stopping at a wanted width, and what it does to the coverage."""
+"""Stopping at a requested interval width, and its effect on the coverage."""
 
 import math
 
@@ -48,15 +48,15 @@ RULES = [(0.2, 1, 0.5), (0.1, 5, 0.5), (0.1, 25, 0.5), (0.05, 10, 0.25), (0.02, 
 @pytest.mark.parametrize(
     "level", [pytest.param(0.9, marks=pytest.mark.thorough), 0.95, pytest.param(0.99, marks=pytest.mark.thorough)]
 )
-def test_stopped_interval_holds_every_probability_as_often_as_it_says(width, block, top, level):
+def test_stopped_interval_keeps_the_stated_coverage(width, block, top, level):
     """Exact calculation, not sampled."""
     p = np.linspace(width / 20, top, 50)
     covered, _ = stopped_coverage(width, block, TAILS * (1 - level), p)
     assert covered.min() >= level
 
 
-def test_plain_interval_stopped_at_a_width_holds_less_than_it_says():
-    """The number of docs/campaign/metrics.md; and what the repair costs in runs."""
+def test_plain_interval_stopped_at_width_loses_coverage():
+    """Checks the coverage in docs/campaign/metrics.md, and the additional runs of the corrected interval."""
     p = np.linspace(0.005, 0.5, 60)
     plain, short = stopped_coverage(0.1, 5, 0.05, p)
     _, long = stopped_coverage(0.1, 5, TAILS * 0.05, p)
@@ -64,7 +64,7 @@ def test_plain_interval_stopped_at_a_width_holds_less_than_it_says():
     assert 1.05 < (long / short).max() < 1.3
 
 
-def test_it_stops_where_the_interval_is_as_narrow_as_wanted():
+def test_stops_when_interval_reaches_the_requested_width():
     rule = parse_stopping("width(success) <= 0.1 @ 95%")
     success = np.random.default_rng(0).random(2000) < 0.9
     for n in range(50, 2001, 50):
@@ -82,7 +82,7 @@ def test_it_stops_where_the_interval_is_as_narrow_as_wanted():
     assert "50 runs, of about" in str(early)
 
 
-def test_quantile_waits_for_both_bounds_and_for_finite_ones():
+def test_quantile_rule_waits_for_two_finite_bounds():
     rule = parse_stopping("width(p90(m)) <= 0.2")
     x = np.random.default_rng(1).random(4000)
     assert not evaluate_stopping(rule, {"m": x[:20]}).is_met
@@ -116,7 +116,7 @@ def stopped_at_width(rows, p, width, block, bounds):
 
 
 @pytest.mark.thorough
-def test_plain_band_of_a_quantile_stopped_at_a_width_fails():
+def test_plain_quantile_band_stopped_at_width_loses_coverage():
     """The numbers of docs/campaign/metrics.md: it stops while it happens to lie below the cliff. About 10 s."""
     rows = cliff(np.random.default_rng(6), (2000, 4000))
     plain, _ = stopped_at_width(rows, 0.901, 5.0, 50, ranks)
@@ -126,7 +126,7 @@ def test_plain_band_of_a_quantile_stopped_at_a_width_fails():
 
 
 @pytest.mark.thorough
-def test_stopping_when_a_requirement_is_met():
+def test_stopping_on_met_requirement_needs_anytime_bounds():
     """The numbers of docs/campaign/metrics.md: success is exactly 0.9, demanded is more than that. About a minute."""
     wanted = parse_requirement("success >= 0.9 @ 95%")
     success = np.random.default_rng(8).random((2000, 4000)) < 0.9

@@ -1,4 +1,4 @@
-"""Flights that are kept: asked for again they are read, and a search that was stopped goes on to the same end."""
+"""Stored flights: repeated requests are read from the store, and an interrupted search resumes."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ class Flights:
         return {"margin": np.array([0.1, np.nan, np.inf]), "lost": np.array([False, True, False])}
 
 
-def test_what_was_flown_is_read_to_the_bit(tmp_path):
+def test_stored_flights_are_recalled_bit_for_bit(tmp_path):
     fly = Flights()
     first = FlightMemo(tmp_path / "new" / "store", {"seed": 1}).recall(ASKED, fly)
     memo = FlightMemo(tmp_path / "new" / "store", {"seed": 1})
@@ -50,14 +50,14 @@ def test_what_was_flown_is_read_to_the_bit(tmp_path):
     ],
     ids=["another seed", "another word", "another shape", "another type"],
 )
-def test_what_was_not_asked_before_is_flown(about, asked, tmp_path):
+def test_different_requests_are_flown_again(about, asked, tmp_path):
     fly = Flights()
     FlightMemo(tmp_path, {"seed": 1}).recall(ASKED, fly)
     FlightMemo(tmp_path, about).recall(asked, fly)
     assert fly.count == 2
 
 
-def test_changed_code_of_a_scenarios_file_is_noticed(tmp_path):
+def test_changed_scenario_file_is_flown_again(tmp_path):
     own, fly = tmp_path / "own.py", Flights()
     for text in ("mass = 1", "mass = 1", "mass = 2"):
         own.write_text(text)
@@ -65,7 +65,7 @@ def test_changed_code_of_a_scenarios_file_is_noticed(tmp_path):
     assert fly.count == 2
 
 
-def test_a_damaged_file_is_flown_again_and_nothing_is_kept_without_a_folder(tmp_path):
+def test_damaged_memo_is_flown_again(tmp_path):
     fly = Flights()
     FlightMemo(tmp_path, {}).recall(ASKED, fly)
     (file,) = tmp_path.iterdir()
@@ -113,7 +113,7 @@ def fly_map(store=None, progress=lambda more: None):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("fly", [fly_falsify, fly_tune, fly_map])
-def test_a_search_that_was_stopped_goes_on_to_the_same_end(fly, tmp_path):
+def test_interrupted_search_resumes_to_the_same_result(fly, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         fly(store=tmp_path, progress=Stop(0))
     kept = {file.name: file.stat().st_mtime_ns for file in tmp_path.iterdir()}
@@ -123,7 +123,7 @@ def test_a_search_that_was_stopped_goes_on_to_the_same_end(fly, tmp_path):
     np.testing.assert_array_equal(went_on, fly())
 
 
-def test_ctrl_c_ends_with_130_and_says_what_is_kept(monkeypatch, tmp_path):
+def test_ctrl_c_exits_130_and_keeps_the_store(monkeypatch, tmp_path):
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "cache"))
     kept = []
 

@@ -1,4 +1,4 @@
-"""Rows that leave a campaign are the same when they are read back, with what decided them."""
+"""Exported rows of a campaign are read back unchanged, together with its plan and identity."""
 
 import json
 
@@ -27,7 +27,7 @@ def read(file):
 
 
 @pytest.mark.thorough
-def test_rows_of_a_store_come_back_bit_for_bit(tmp_path):
+def test_store_rows_round_trip_through_parquet_exactly(tmp_path):
     of = small(2 * BLOCK)
     of.run(tmp_path / "rows.zarr")
     about, columns = read_store(tmp_path / "rows.zarr")
@@ -41,7 +41,7 @@ def test_rows_of_a_store_come_back_bit_for_bit(tmp_path):
 
 
 @pytest.mark.thorough
-def test_rows_of_a_result(tmp_path):
+def test_result_rows_round_trip_through_parquet(tmp_path):
     of = small(BLOCK)
     result = of.run()
     write_parquet(result, tmp_path / "rows.parquet")
@@ -53,7 +53,7 @@ def test_rows_of_a_result(tmp_path):
     assert told == {name: about[name] for name in ("identity", "plan")}
 
 
-def test_numbers_that_are_no_numbers(tmp_path):
+def test_nan_and_infinity_round_trip_bit_for_bit(tmp_path):
     write_columns(COLUMNS, {"seed": 1}, tmp_path / "a.parquet")
     write_columns(COLUMNS, {"seed": 2}, tmp_path / "a.parquet")
     told, found = read(tmp_path / "a.parquet")

@@ -1,4 +1,4 @@
-"""A store believes only what is sound and its own."""
+"""A store accepts only undamaged data of its own campaign."""
 
 import json
 
@@ -24,7 +24,7 @@ def store(tmp_path):
 
 
 @pytest.mark.thorough
-def test_store_of_another_campaign(store):
+def test_rejects_store_of_another_campaign(store):
     small(2 * BLOCK).run(store)
     for other in ({"seed": 4}, {"metrics": ["peak:yaw_rate"]}, {"spread": {"world.vehicle.mass": "normal(100%, 5%)"}}):
         with pytest.raises(InputError, match="rows of another campaign; different: campaign") as refused:
@@ -39,7 +39,7 @@ def test_store_of_another_campaign(store):
 
 
 @pytest.mark.thorough
-def test_metric_of_a_file_that_was_changed(store, tmp_path):
+def test_rejects_store_after_metric_file_change(store, tmp_path):
     file = tmp_path / "mine.py"
     file.write_text("def worst(rows):\n    return rows['yaw_rate'].max(axis=1)\n")
     asked = {"metrics": [f"{file}:worst"]}
@@ -56,7 +56,7 @@ CHUNKS = [(column, torn) for column in ("error_rms:yaw_rate", "success", "done")
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("column", "torn"), CHUNKS)
-def test_chunk_that_a_crash_of_the_machine_tore(store, whole, column, torn):
+def test_torn_chunk_is_detected_and_flown_again(store, whole, column, torn):
     small(4 * BLOCK).run(store)
     chunk, spoil = store / column / "c" / "2", TORN[torn]
     if spoil:
@@ -71,7 +71,7 @@ def test_chunk_that_a_crash_of_the_machine_tore(store, whole, column, torn):
 
 
 @pytest.mark.thorough
-def test_a_description_is_whole_or_not_there_whenever_its_process_is_killed(store, monkeypatch):
+def test_store_description_is_written_atomically(store, monkeypatch):
     seen, write = [], LocalStore.set
 
     async def see(self, key, value):
@@ -85,7 +85,7 @@ def test_a_description_is_whole_or_not_there_whenever_its_process_is_killed(stor
 
 
 @pytest.mark.thorough
-def test_what_killed_processes_leave_is_no_hindrance(store, monkeypatch, whole):
+def test_leftovers_of_killed_processes_are_cleaned_up(store, monkeypatch, whole):
     def killed(*_):
         raise SystemExit
 
@@ -103,7 +103,7 @@ def test_what_killed_processes_leave_is_no_hindrance(store, monkeypatch, whole):
         small(BLOCK).run(store)
 
 
-def test_a_metric_with_a_name_longer_than_a_file_may_have(store):
+def test_metric_name_longer_than_a_file_name_is_stored(store):
     long = "robustness:" + " and ".join(f"always(abs(truth.yaw_rate) < {k} rad/s)" for k in range(40, 60))
     other = long.replace("< 59", "< 58.5")
     found = small(BLOCK, metrics=[long, other]).run(store).columns
@@ -113,7 +113,7 @@ def test_a_metric_with_a_name_longer_than_a_file_may_have(store):
 
 
 @pytest.mark.thorough
-def test_the_size_of_a_store_is_known_by_its_first_block(store):
+def test_store_size_is_estimated_from_the_first_block(store):
     runs = RUNS + BLOCK // 2
     assert estimate_store_size(store, runs) is None
     assert small(runs).run(store, stop=lambda _: True).flown_runs == BLOCK

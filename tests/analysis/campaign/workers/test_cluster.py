@@ -42,7 +42,7 @@ def whole():
 
 
 @pytest.mark.thorough
-def test_addresses_and_files_that_are_none(folder):
+def test_rejects_invalid_addresses_and_certificate_files(folder):
     good = files(folder)
     for uri in (
         "10.0.0.1:8786",
@@ -71,14 +71,14 @@ def test_addresses_and_files_that_are_none(folder):
 
 
 @pytest.mark.real_time
-def test_nobody_listens(folder):
+def test_unreachable_scheduler_is_reported_with_a_fix(folder):
     with pytest.raises(InputError, match="cannot reach a scheduler at this address: Connection refused") as refused:
         small(BLOCK).run(workers=cluster_workers("tls://127.0.0.1:9", **files(folder)))
     assert "dask scheduler --protocol tls --port 9" in refused.value.fix
 
 
 @pytest.mark.thorough
-def test_worker_whose_rows_would_be_others():
+def test_rejects_worker_that_would_compute_different_rows():
     ready = small(BLOCK).ready
     told = machine_identity(ready, "c")
     columns = fly_rows(ready.plan.as_dict(), told, 3, 7)
@@ -92,7 +92,7 @@ def test_worker_whose_rows_would_be_others():
 
 
 @pytest.mark.real_time
-def test_campaign_on_two_workers_and_who_is_refused(folder, processes, whole, tmp_path, monkeypatch):
+def test_campaign_on_two_workers_and_rejected_certificates(folder, processes, whole, tmp_path, monkeypatch):
     _, uri = processes.scheduler()
     for host in ("one", "two"):
         processes.worker(host, uri)
@@ -121,13 +121,13 @@ BOAT = Calibration(
 
 
 def with_boat(file, runs):
-    """A campaign of a craft that a calibration file is of, with a spread besides."""
+    """Return a campaign of a craft with a calibration file and a spread."""
     settings = {"links": "measured", "duration": "2 s", "world.uplink.capacity": "32", "calibration": str(file)}
     return small(runs, settings=settings)
 
 
 @pytest.mark.thorough
-def test_a_plan_has_the_calibration_and_a_worker_needs_no_file(tmp_path):
+def test_plan_contains_the_calibration_for_workers(tmp_path):
     file = tmp_path / "boat.toml"
     file.write_text(format_calibration(BOAT), encoding="utf-8")
     asked = with_boat(file, BLOCK)
@@ -145,8 +145,8 @@ def test_a_plan_has_the_calibration_and_a_worker_needs_no_file(tmp_path):
 
 
 @pytest.mark.real_time
-def test_workers_elsewhere_fly_a_calibrated_craft(folder, processes, tmp_path):
-    """Processes of another folder, and the file gone before they begin."""
+def test_remote_workers_fly_a_calibrated_craft(folder, processes, tmp_path):
+    """The workers run in another folder, and the calibration file is deleted before they start."""
     file = tmp_path / "boat.toml"
     file.write_text(format_calibration(BOAT), encoding="utf-8")
     asked, wanted = with_boat(file, 2 * BLOCK), with_boat(file, 2 * BLOCK).run().columns
@@ -172,7 +172,7 @@ class Slowly:
 
 
 @pytest.mark.real_time
-def test_worker_killed_in_the_middle(folder, processes, whole, tmp_path):
+def test_killed_worker_loses_no_rows(folder, processes, whole, tmp_path):
     """Ten seconds."""
     _, uri = processes.scheduler()
     doomed = processes.worker("one", uri)
@@ -185,7 +185,7 @@ def test_worker_killed_in_the_middle(folder, processes, whole, tmp_path):
 
 
 @pytest.mark.real_time
-def test_scheduler_killed_in_the_middle(folder, processes, whole, tmp_path):
+def test_killed_scheduler_ends_campaign_with_rows_stored(folder, processes, whole, tmp_path):
     """Ten seconds."""
     scheduler, uri = processes.scheduler()
     processes.worker("one", uri)
@@ -205,7 +205,7 @@ def test_scheduler_killed_in_the_middle(folder, processes, whole, tmp_path):
 
 
 @pytest.mark.real_time
-def test_scheduler_that_hangs(folder, processes, tmp_path):
+def test_hanging_scheduler_ends_the_campaign_with_an_error(folder, processes, tmp_path):
     """A minute."""
     scheduler, uri = processes.scheduler()
     processes.worker("one", uri)
@@ -219,7 +219,7 @@ def test_scheduler_that_hangs(folder, processes, tmp_path):
 
 
 @pytest.mark.real_time
-def test_last_worker_killed(folder, processes, whole, tmp_path, monkeypatch):
+def test_killed_last_worker_ends_campaign_with_rows_stored(folder, processes, whole, tmp_path, monkeypatch):
     """Half a minute."""
     monkeypatch.setattr(of_cluster, "WORKER_TIMEOUT", 4.0)
     _, uri = processes.scheduler()
