@@ -338,7 +338,7 @@ FINDINGS = [
             "test_front_door.py::test_another_common_name_is_answered_with_ours",
             "core/test_explain_call.py",
             "logs/test_log.py::test_a_missing_member_names_what_to_write",
-            "loop/test_summary.py::test_a_missing_member_of_a_scenario_names_what_to_write",
+            "loop/test_summary.py::test_missing_scenario_member_error_says_what_to_write",
         ),
     ),
     Finding(

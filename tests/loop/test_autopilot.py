@@ -32,7 +32,7 @@ def fly(autopilot, *frames):
     return states
 
 
-def test_a_frame_gives_the_command_of_its_instant():
+def test_a_frame_gives_a_command_with_its_time():
     (state,) = fly(cart_autopilot(), frame(SECOND, 4.0))
     assert (int(state.command.t), bool(state.command.valid), float(state.command.value.v)) == (SECOND, True, 5.0)
     assert float(state.estimate.state.x) == 4.0
@@ -46,7 +46,7 @@ def test_without_a_sample_the_law_waits_and_the_command_is_not_valid():
 
 
 @pytest.mark.parametrize("x", [np.nan, np.inf, -np.inf])
-def test_an_estimate_that_is_no_number_is_none(x):
+def test_nonfinite_estimate_is_invalid_and_holds_the_law(x):
     before, bad, after = fly(cart_autopilot(), frame(0, 1.0), frame(SECOND, x), frame(2 * SECOND, 2.0))
     assert bool(before.command.valid)
     assert not bool(bad.estimate.valid)
@@ -55,7 +55,7 @@ def test_an_estimate_that_is_no_number_is_none(x):
     assert (bool(after.command.valid), float(after.command.value.v)) == (True, 3.0)
 
 
-def test_a_number_that_the_law_does_not_read_may_be_none():
+def test_nan_in_an_unread_field_leaves_the_command_valid():
     odd = frame(0, 1.0)
     odd.samples["ruler"].value.__dict__["v"] = np.float64(np.nan)
     (state,) = fly(cart_autopilot(), odd)
@@ -71,7 +71,7 @@ class Dividing(Doubling):
         return new, type(output)(demand=Speed(1.0 / jnp.asarray(estimate.state.x)))
 
 
-def test_a_demand_that_is_no_number_is_not_sent_and_the_law_stands_still():
+def test_nonfinite_demand_invalidates_the_command_and_holds_the_law():
     good, bad = fly(cart_autopilot(law=Dividing()), frame(0, 2.0), frame(SECOND, 0.0))
     assert (bool(good.command.valid), float(good.command.value.v), int(good.law)) == (True, 0.5, 1)
     assert bool(bad.estimate.valid)
@@ -79,7 +79,7 @@ def test_a_demand_that_is_no_number_is_not_sent_and_the_law_stands_still():
     assert int(bad.law) == 1
 
 
-def test_fresh_is_what_was_not_there_at_the_last_step():
+def test_fresh_marks_samples_newer_than_the_last_step():
     """By the time of measurement: what came between two steps is fresh at the next; what is held is not."""
     states = fly(
         cart_autopilot(period=2 * SECOND),
@@ -93,7 +93,7 @@ def test_fresh_is_what_was_not_there_at_the_last_step():
     np.testing.assert_allclose([float(s.estimate.age) for s in states], [0, 2, 1, 3])
 
 
-def test_between_control_periods_all_is_held_but_nothing_is_fresh():
+def test_holds_outputs_between_control_periods_without_fresh_flag():
     autopilot = cart_autopilot(period=2 * SECOND)
     (state,) = fly(autopilot, frame(0, 1.0))
     held = autopilot.hold(np.int64(SECOND), state)
@@ -103,7 +103,7 @@ def test_between_control_periods_all_is_held_but_nothing_is_fresh():
     assert bool(held.estimate.valid)
 
 
-def test_outputs_that_are_made_anew_are_not_carried_along():
+def test_recomputed_outputs_are_dropped_from_the_state():
     autopilot = cart_autopilot()
     (state,) = fly(autopilot, frame(0, 1.0))
     assert autopilot.drop_derived_outputs(state, frozenset({2 * SECOND})) is state
@@ -138,7 +138,7 @@ class Stubborn:
         return state, demand.torque
 
 
-def test_parts_that_do_not_fit_are_named_at_both_ends():
+def test_mismatched_parts_raise_an_error_naming_both():
     first = frame(0, 0.0, valid=False)
     with pytest.raises(InputError, match=r"reads sensor 'ruler', but the world sends only \(tape\)"):
         cart_autopilot().init(key(0), Frame(first.t, {"tape": first.samples["ruler"]}))

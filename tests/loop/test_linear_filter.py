@@ -45,7 +45,7 @@ def band(times, degrees):
 
 
 @pytest.mark.thorough
-def test_the_error_is_as_large_as_the_filter_believes():
+def test_estimation_error_is_consistent_with_the_covariance():
     e, P, nis = fly_many(scenario())
     low, high = band(e.shape[1], 4)
     found = mean_nees(e, P)
@@ -56,7 +56,7 @@ def test_the_error_is_as_large_as_the_filter_believes():
 
 
 @pytest.mark.thorough
-def test_a_filter_that_believes_other_water_is_found_out():
+def test_nees_exceeds_its_band_with_a_wrong_model():
     wrong = design_filter(
         Tank(water=0.4), TankState(), Push(), {"pose": POSE}, {"pose.north": 0.002}, FIRST, period=ms(10)
     )
@@ -66,7 +66,7 @@ def test_a_filter_that_believes_other_water_is_found_out():
 
 
 @pytest.mark.thorough
-def test_an_estimate_is_that_of_a_dense_filter():
+def test_estimate_matches_a_dense_kalman_filter():
     flown = scenario()
     log, s = simulate(flown, duration="300 ms", seed=3), flown.autopilot.estimator
     linear = linearise(model_of_vehicle(Tank(), TankState(), Push()))
@@ -116,7 +116,7 @@ def twin_filter(vehicle, sensors, noise):
 
 
 @pytest.mark.thorough
-def test_a_mode_that_no_sensor_sees_is_refused_by_name():
+def test_unobservable_mode_is_rejected_with_its_states():
     sensors = {"pose": POSE, "state": TrueState(), "actuators": ActingInput()}
     with pytest.raises(InputError) as refused:
         twin_filter(TwinTank(), sensors, {"pose.north": 0.002})
@@ -129,7 +129,7 @@ def test_a_mode_that_no_sensor_sees_is_refused_by_name():
     twin_filter(TwinTank(damping=6.0), sensors, {"pose.north": 0.002})  # unseen, but it dies away by itself
 
 
-def test_modes_that_nothing_shows_come_with_their_states():
+def test_unseen_modes_are_listed_with_their_states():
     linear = linearise(model_of_vehicle(TwinTank(), TwinState(), Push()))
     assert unseen_modes(linear) == ()
     (slow,) = unseen_modes(linear.part(outputs=["velocity", "fore", "aft"]))
@@ -137,7 +137,7 @@ def test_modes_that_nothing_shows_come_with_their_states():
     assert abs(slow.pole) < 1e-6
 
 
-def test_refusals():
+def test_rejects_invalid_filter_designs():
     words = (Tank(), TankState(), Push(), {"pose": POSE})
     with pytest.raises(InputError, match=r"no sensor measures 'pose.nord'") as refused:
         design_filter(*words, {"pose.nord": 0.1}, FIRST, period=ms(10))

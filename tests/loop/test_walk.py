@@ -30,7 +30,7 @@ def fly(world, autopilot, n=5, paths=(), every=1):
     return out, result
 
 
-def test_a_measurement_acts_from_its_own_instant_on():
+def test_measurement_acts_at_its_own_instant():
     """v = 1 + x, held for a second: x doubles and one is added. A hidden delay anywhere would show."""
     log, result = fly(cart_world(), cart_autopilot())
     np.testing.assert_allclose(log["truth.x"], [0, 1, 3, 7, 15], atol=1e-12)
@@ -43,12 +43,12 @@ def test_a_measurement_acts_from_its_own_instant_on():
     assert int(result.sensors["ruler"]) == 5
 
 
-def test_sensors_feel_the_input_that_acted_up_to_now():
+def test_sensors_measure_the_input_applied_until_now():
     log, _ = fly(cart_world(), cart_autopilot())
     np.testing.assert_allclose(log["sensors.ruler.value.v"], [0, 1, 2, 4, 8], atol=1e-12)
 
 
-def test_a_delay_on_the_way_down_is_the_estimate_s_age():
+def test_downlink_delay_appears_as_estimate_age():
     log, _ = fly(cart_world(downlink=DelayChain(SECOND, 1)), cart_autopilot())
     np.testing.assert_array_equal(log["estimate.valid"], [0, 1, 1, 1, 1])
     np.testing.assert_allclose(log["truth.x"], [0, 0, 1, 2, 4], atol=1e-12)
@@ -57,7 +57,7 @@ def test_a_delay_on_the_way_down_is_the_estimate_s_age():
     np.testing.assert_array_equal(log["downlink.ruler.t"][1:], np.arange(4) * SECOND)
 
 
-def test_a_delay_on_the_way_up_keeps_the_actuators_neutral_and_the_command_s_time():
+def test_uplink_delay_holds_actuators_neutral_and_keeps_command_time():
     log, _ = fly(cart_world(uplink=DelayChain(SECOND, 2)), cart_autopilot())
     np.testing.assert_array_equal(log["command.valid"], 1)
     np.testing.assert_array_equal(log["uplink.valid"], [0, 0, 1, 1, 1])
@@ -85,7 +85,7 @@ def test_a_slow_sensor_holds_its_sample():
     np.testing.assert_allclose(log["truth.x"], [0, 1, 2, 5, 8], atol=1e-12)
 
 
-def test_instants_between_change_nothing_that_is_due_at_others():
+def test_extra_integration_instants_leave_the_run_unchanged():
     """Integration steps of 250 ms: the same run, four rows a second; of a held sample nothing is fresh."""
     fine, _ = fly(cart_world(max_step=ms(250)), cart_autopilot())
     np.testing.assert_allclose(fine["truth.x"], np.interp(np.arange(20) / 4, range(6), [0, 1, 3, 7, 15, 31]), atol=1e-9)
@@ -93,7 +93,7 @@ def test_instants_between_change_nothing_that_is_due_at_others():
     np.testing.assert_array_equal(fine["command.t"], np.repeat(np.arange(5), 4) * SECOND)
 
 
-def test_rows_are_the_instants_that_are_asked_for():
+def test_log_rows_are_the_requested_instants():
     whole, _ = fly(cart_world(), cart_autopilot())
     some, _ = fly(cart_world(), cart_autopilot(), every=2)
     assert whole.keys() == some.keys()
@@ -101,13 +101,13 @@ def test_rows_are_the_instants_that_are_asked_for():
         np.testing.assert_array_equal(values, whole[path][::2], err_msg=path)
 
 
-def test_columns_are_the_paths_that_are_asked_for():
+def test_log_columns_are_the_requested_paths():
     log, _ = fly(cart_world(), cart_autopilot(), paths=("truth", "command.value"))
     assert list(log) == ["truth.x", "command.value.v"]
     np.testing.assert_allclose(log["command.value.v"], [1, 2, 4, 8, 16], atol=1e-12)
 
 
-def test_one_instant_by_hand():
+def test_single_instant_computes_frame_command_and_truth():
     """The two messages: a frame of samples goes in, a command comes out, and the truth moves on last."""
     world, autopilot = cart_world(), cart_autopilot()
     s, a = start(world, autopilot, Place(3.0), key(0))
