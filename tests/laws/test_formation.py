@@ -48,7 +48,7 @@ def follow(law, lead, lateness, seconds):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("lateness", [0, ms(700)])
-def test_behind_a_steady_leader_the_way_to_the_place_dies_away_however_late_messages_are(lateness):
+def test_position_error_decays_behind_a_steady_leader_despite_delay(lateness):
     def lead(t):
         return np.array([0.1 * t, -0.05 * t]), np.array([0.1, -0.05])
 
@@ -61,7 +61,7 @@ def test_behind_a_steady_leader_the_way_to_the_place_dies_away_however_late_mess
 
 
 @pytest.mark.thorough
-def test_a_leader_on_a_circle_is_followed_to_the_bound_of_the_page():
+def test_error_behind_a_circling_leader_stays_within_documented_bound():
     pace, radius, age = 0.1, 4.0, 0.5
 
     def lead(t):
@@ -74,7 +74,7 @@ def test_a_leader_on_a_circle_is_followed_to_the_bound_of_the_page():
 
 
 @pytest.mark.thorough
-def test_the_leader_goes_round_and_tells_where_its_point_is():
+def test_leader_circles_and_sends_its_reference_point():
     law = Formation(radius=3.0, leader_speed=0.15)
     state, step = law.init(None), jax.jit(law.step)
     for k in range(3000):
@@ -89,7 +89,7 @@ def test_the_leader_goes_round_and_tells_where_its_point_is():
 
 
 @pytest.mark.thorough
-def test_nothing_moves_before_everybody_is_heard_or_while_the_craft_lags():
+def test_leader_waits_for_all_messages_and_for_lagging_craft():
     law = replace(ALONE, waiting_distance=0.5)
     state, _ = law.step(np.int64(0), law.init(None), estimate(0, view((1, 1), [NEVER, NEVER], np.zeros((2, 2)))))
     silent, _ = law.step(np.int64(STEP), state, estimate(STEP, view((1, 1), [NEVER, STEP], np.zeros((2, 2)))))
@@ -101,7 +101,7 @@ def test_nothing_moves_before_everybody_is_heard_or_while_the_craft_lags():
 
 
 @pytest.mark.thorough
-def test_a_command_depends_on_the_craft_s_own_estimate_and_messages_alone():
+def test_command_depends_only_on_own_estimate_and_messages():
     """The derivative of each one's demand by each one's estimate and messages: a block for each craft, else zeros."""
     n, rng = 4, np.random.default_rng(5)
     law = Each(replace(ALONE, number=np.arange(n, dtype=np.int32)), n, ("number",))
@@ -128,6 +128,6 @@ def test_a_command_depends_on_the_craft_s_own_estimate_and_messages_alone():
     assert seen > 5 * n
 
 
-def test_a_leader_that_nobody_could_follow_is_refused():
+def test_rejects_a_leader_faster_than_its_followers():
     with pytest.raises(InputError, match=r"must be below separation\.speed"):
         Formation(leader_speed=0.4).check()

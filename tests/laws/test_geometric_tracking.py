@@ -90,7 +90,7 @@ def along_flow(law, t, x):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("law", [HELIX, GeometricTracking(reference=LevelPath())], ids=["helix", "circle"])
-def test_errors_of_attitude_obey_the_equations_of_the_proof(law):
+def test_attitude_errors_obey_the_equations_of_the_proof(law):
     """J eW' = -kR eR - kW eW and Psi' = eR·eW [eqs. 12, 17]: so all of Rc' and Rc'' is right."""
     follow = jax.jit(functools.partial(along_flow, law))
     for seed in range(20):
@@ -103,7 +103,7 @@ def test_errors_of_attitude_obey_the_equations_of_the_proof(law):
 
 
 @pytest.mark.thorough
-def test_the_helix_of_the_publication():
+def test_published_helix_errors_decay_exponentially():
     """From rest at the origin, 0.6 m off: Psi below 1 from the start, all errors gone exponentially."""
     _, out = flights()(HELIX, CRAFT.hover())
     psi, distance = np.asarray(out.attitude_error), np.asarray(out.distance)
@@ -117,7 +117,7 @@ def test_the_helix_of_the_publication():
 
 
 @pytest.mark.thorough
-def test_the_recovery_of_the_publication():
+def test_published_recovery_from_upside_down_succeeds():
     """From upside down, Psi = 1.9995: upright in under two seconds, and back at its place. It falls in between."""
     x, out = flights()(GeometricTracking(reference=FixedPlace()), upside_down())
     psi = np.asarray(out.attitude_error)
@@ -132,7 +132,7 @@ def test_the_recovery_of_the_publication():
 
 
 @pytest.mark.thorough
-def test_psi_decays_as_the_first_proposition_bounds_it():
+def test_attitude_error_decays_at_the_linear_rate():
     """A place, so that position and attitude part: log Psi falls on the whole at a rate of its own linear modes."""
     law = GeometricTracking(reference=FixedPlace())
     start = replace(CRAFT.hover(), attitude=np.array([np.cos(0.4), 0.0, 0.0, np.sin(0.4)]))
@@ -145,7 +145,7 @@ def test_psi_decays_as_the_first_proposition_bounds_it():
 
 
 @pytest.mark.thorough
-def test_the_command_is_a_rotation_with_its_rates():
+def test_attitude_command_is_a_rotation_matrix():
     rng, law = np.random.default_rng(4), HELIX
     x = draw_state(rng, law, 1.0)
     command = command_attitude(
@@ -155,7 +155,7 @@ def test_the_command_is_a_rotation_with_its_rates():
     assert np.linalg.det(np.asarray(command.R)) == pytest.approx(1)
 
 
-def test_at_the_reference_it_bears_the_weight_with_the_nose_where_wanted():
+def test_hover_at_reference_balances_weight_without_moment():
     law = GeometricTracking(reference=FixedPlace((1.0, -2.0, -5.0), heading=0.8))
     out = law.track(law.reference.at(0.0), CRAFT.hover((1.0, -2.0, -5.0), heading=0.8))
     assert out.demand.thrust == pytest.approx(4.34 * 9.81)
@@ -165,7 +165,7 @@ def test_at_the_reference_it_bears_the_weight_with_the_nose_where_wanted():
     assert turned.demand.moment[2] > 0
 
 
-def test_the_longest_correction_bounds_the_force():
+def test_position_correction_force_is_bounded():
     law = GeometricTracking(reference=FixedPlace(), most=25.0)
     far = replace(CRAFT.hover(), position=np.array([100.0, 0, 0]))
     R = np.eye(3)
@@ -179,7 +179,7 @@ def test_the_longest_correction_bounds_the_force():
 
 
 @pytest.mark.thorough
-def test_flown_angles_are_those_of_the_command_in_the_end():
+def test_final_heading_matches_the_commanded_heading():
     x, _ = flights()(HELIX, CRAFT.hover())
     heading = np.asarray(to_euler(quaternion.to_matrix(x.attitude[-1])))[2]
     assert np.cos(heading - np.pi * 9.999) == pytest.approx(

@@ -20,7 +20,7 @@ def response(w, order, derivative, t):
     return signal.step(system, T=t)[1]
 
 
-def test_closed_forms_are_the_step_responses():
+def test_closed_forms_match_scipy_step_responses():
     """Oracle, climb: orders 4 and 3, each derivative, to 1e-9 of its largest value."""
     t = np.linspace(0.0, 250.0, 501)
     p = CLIMB.at(5.0 + t)
@@ -32,7 +32,7 @@ def test_closed_forms_are_the_step_responses():
             assert np.abs(values - wanted).max() < 1e-9 * max(np.abs(wanted).max(), w**k)
 
 
-def test_the_printed_polynomials():
+def test_filtered_step_matches_published_polynomials():
     """Oracle, climb: the closed form."""
     a = np.linspace(0.0, 12.0, 61)
     e = np.exp(-a)
@@ -43,7 +43,7 @@ def test_the_printed_polynomials():
 
 
 @pytest.mark.thorough
-def test_each_field_is_the_derivative_of_the_one_before():
+def test_each_field_is_the_derivative_of_the_previous():
     t = np.array([0.0, 4.0, 5.5, 20.0, 60.0, 200.0])
     derivative = jax.vmap(jax.jacfwd(CLIMB.at))(t)
     p = CLIMB.at(t)
@@ -52,7 +52,7 @@ def test_each_field_is_the_derivative_of_the_one_before():
         np.testing.assert_allclose(getattr(derivative, lower), getattr(p, upper), rtol=1e-9, atol=1e-12)
 
 
-def test_what_the_inversion_gets_has_no_jump():
+def test_command_derivatives_are_continuous_at_the_step():
     """Oracle, climb: h'' and V' are continuous at the step; h''' starts at once, yet from zero too."""
     t = 5.0 + np.array([-1e-6, 1e-6])
     p = CLIMB.at(t)
@@ -63,14 +63,14 @@ def test_what_the_inversion_gets_has_no_jump():
 
 
 @pytest.mark.thorough
-def test_reaches_95_percent_when_said():
+def test_altitude_step_reaches_95_percent_after_130_seconds():
     """Oracle, climb: about 130 s for an altitude step with the defaults."""
     t = np.linspace(0, 250, 25001)
     reached = t[np.argmax(FilteredClimb(dh=1.0).at(5.0 + t).h - 85000.0 >= 0.95)]
     assert abs(reached - 130) < 2
 
 
-def test_a_speed_that_ends_at_zero_is_refused():
+def test_rejects_final_speeds_at_or_below_zero():
     CLIMB.check()
     with pytest.raises(InputError, match="must be above 0, got 0 ft/s"):
         FilteredClimb(V0=500.0, dV=-500.0).check()

@@ -93,7 +93,7 @@ PATHS |= {f"random {k}": random_path(k) for k in range(3)}
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", PATHS)
-def test_V_changes_as_the_docstring_says(name):
+def test_lyapunov_rate_matches_the_documented_identity_and_bound(name):
     path, draw = PATHS[name], np.random.default_rng(7)
     law = replace(LAW, reference=path)
     within = 0
@@ -111,7 +111,7 @@ def test_V_changes_as_the_docstring_says(name):
 
 
 @pytest.mark.thorough
-def test_the_end_is_the_one_with_less_V():
+def test_leading_end_minimises_the_lyapunov_function():
     """Turning the craft round changes which end leads, not what P does."""
     law, draw = replace(LAW, reference=Circle()), np.random.default_rng(8)
     for _ in range(20):
@@ -128,7 +128,7 @@ def test_the_end_is_the_one_with_less_V():
         assert float(one.lyapunov) == pytest.approx(float(other.lyapunov), rel=1e-9)
 
 
-def test_decay_is_that_of_the_errors():
+def test_decay_rate_matches_the_error_dynamics():
     """The errors alone, e'' = -k1 e - k2 e': V falls along the slowest direction no slower than mu, by scipy."""
     law = LAW
     k1, k2 = float(law.k1), float(law.k2)
@@ -151,7 +151,7 @@ def starts(n, seed, place, spread=1.0):
 
 
 @pytest.mark.thorough
-def test_V_falls_to_a_neighbourhood_from_anywhere(sampled):
+def test_lyapunov_function_decays_exponentially_to_a_neighbourhood(sampled):
     """On a circle, where thrust is always wanted: exponentially, and it stays small. Limits out of the way."""
     law = replace(LAW, reference=Circle(ease=0.0))
     _, out = sampled(law, starts(30, 3, (1.5, 0.0)), 60, 100)
@@ -188,7 +188,7 @@ def fly(law, x, plant):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["circle", "eight", "way-points"])
-def test_it_follows_within_its_limits(name):
+def test_tracks_paths_within_actuator_limits(name):
     """From 1 m off, any heading, half a metre a second: with the forces that fan and rudder give."""
     path = PATHS[name]
     out = fly(PathTracking(reference=path), starts(20, 4, path.at(0.0).place), Hovercraft())
@@ -204,7 +204,7 @@ def test_it_follows_within_its_limits(name):
 
 
 @pytest.mark.thorough
-def test_it_knows_of_friction():
+def test_friction_in_the_law_model_reduces_tracking_error():
     plant = Hovercraft(friction=Friction(force_viscous=0.4, torque_viscous=0.02, force_quadratic=0.2))
     x = HovercraftState(*(np.array([v]) for v in (0.0, 0.0, 0.0, 1.5, -A, np.pi / 2)))
     errors = [
@@ -216,7 +216,7 @@ def test_it_knows_of_friction():
 
 
 @pytest.mark.thorough
-def test_along_the_path_it_waits():
+def test_path_progress_waits_for_a_craft_behind():
     """Progress along the path: a craft that starts a metre behind doesn't cut across, and then keeps the tempo."""
     behind = HovercraftState(*(np.array([v]) for v in (0.0, 0.0, 0.0, 1.5, -1.0, np.pi / 2)))
     x = jax.tree.map(lambda a: float(a[0]), behind)

@@ -55,7 +55,7 @@ def rates(x, force):
     return jnp.stack([v * r + force.FX / M, -u * r + force.FY / M, -D * force.FY / J, r])
 
 
-def test_manual_is_the_thrust_vector():
+def test_manual_stick_sets_the_thrust_vector():
     def push(forward, turn):
         demand = ask(LAW, under_way(MANUAL), STATES[0], sample(forward, turn, MANUAL))[1].demand
         return float(demand.FX), float(demand.FY)
@@ -99,7 +99,7 @@ def test_damped_straight_drives_are_stable_and_their_sway_has_the_sign_of_surge(
     assert np.linalg.eigvals(wrong_way).real.max() > 0
 
 
-def test_the_side_force_does_not_accelerate_the_point_that_assisted_steers():
+def test_side_force_does_not_accelerate_the_assisted_point():
     """v_P' = n (FX/m - a r^2), by differentiation of v_P in W along the vehicle's motion, 1e-9."""
 
     def velocity(x):
@@ -116,7 +116,7 @@ def test_the_side_force_does_not_accelerate_the_point_that_assisted_steers():
 
 
 @pytest.mark.parametrize(("speed", "backing"), [(0.6, False), (0.0, False), (0.0, True), (-0.4, False)])
-def test_the_error_of_velocity_never_grows_while_course_and_speed_are_held(speed, backing):
+def test_velocity_error_never_grows_at_constant_course_and_speed(speed, backing):
     """E' = -m k (n.e)^2 where FX is not limited, 1e-9; and E' <= 0 where it is, for 400 states."""
     course, turn = 0.7, sample(speed / 0.8, 0.0, ASSISTED)
     state = under_way(ASSISTED, speed=np.float64(speed), course=np.float64(course), backing=np.bool_(backing))
@@ -142,7 +142,7 @@ def test_the_error_of_velocity_never_grows_while_course_and_speed_are_held(speed
 @pytest.mark.thorough("0.0-True", "0.6-False")
 @pytest.mark.parametrize("backing", [False, True])
 @pytest.mark.parametrize("speed", [0.0, 0.6])
-def test_no_error_lasts_with_the_nose_where_it_is_wanted(speed, backing):
+def test_velocity_error_does_not_persist_at_the_wanted_heading(speed, backing):
     """For 400 errors of 0.03 to 0.4 m/s: n.e of the size of e^2 at least, so that no E' is zero but near e = 0."""
     draws = np.random.default_rng(3)
     state = under_way(ASSISTED, speed=np.float64(speed), course=np.float64(0.7), backing=np.bool_(backing))
@@ -167,7 +167,7 @@ def test_no_error_lasts_with_the_nose_where_it_is_wanted(speed, backing):
     assert worst.min() > 0.05
 
 
-def test_assisted_turns_the_nose_by_a_linear_loop():
+def test_assisted_heading_loop_is_linear():
     """r' = kr (r_d - r), with r_d from where the nose is wanted, 1e-9, while FY is not limited."""
     state = under_way(ASSISTED, speed=np.float64(0.5), rate=np.float64(0.2))
     found = jax.vmap(lambda x: ask(LAW, state, x, sample(0.5 / 0.8, 0.2 / 0.6, ASSISTED))[1])(STATES)
@@ -181,7 +181,7 @@ def test_assisted_turns_the_nose_by_a_linear_loop():
 
 
 @pytest.mark.thorough
-def test_without_a_stick_it_is_let_go_in_the_mode_that_it_had():
+def test_lost_stick_is_released_and_keeps_the_mode():
     x, full = STATES[3], {"forward": 0.7, "turn": 0.4}
     for mode in (MANUAL, DAMPED, ASSISTED):
         state = under_way(mode, speed=np.float64(0.4), course=np.float64(0.2))
@@ -206,7 +206,7 @@ def test_without_a_stick_it_is_let_go_in_the_mode_that_it_had():
     assert (bool(out.stick_lost), int(out.mode)) == (True, DAMPED)
 
 
-def test_a_stick_beyond_its_end_is_at_its_end():
+def test_stick_input_is_clipped_to_full_deflection():
     for mode in range(3):
         state = under_way(mode)
         a, b = (ask(LAW, state, STATES[1], sample(f, -f, mode), NOW + ms(50))[1] for f in (1.0, 3.0))
@@ -214,7 +214,7 @@ def test_a_stick_beyond_its_end_is_at_its_end():
         assert float(a.rate_reference) == float(b.rate_reference)
 
 
-def test_references_begin_where_the_vehicle_is():
+def test_references_start_at_the_current_vehicle_state():
     """After a pause, with another mode, at the first step: no jump; within 100 ms they go on."""
     x, push = np.array([0.3, 0.4, 0.5, 1.0]), {"forward": 1.0, "turn": 0.0}
     stale = under_way(ASSISTED, speed=np.float64(0.8), course=np.float64(-2.0), rate=np.float64(0.3))
@@ -232,7 +232,7 @@ def test_references_begin_where_the_vehicle_is():
     assert float(out.course_reference) == pytest.approx(1.0 - np.arctan2(0.4, 0.3))
 
 
-def test_references_are_ramped_and_wait_for_a_vehicle_that_does_not_follow():
+def test_references_are_ramped_and_wait_for_a_lagging_vehicle():
     on = sample(1.0, 1.0, ASSISTED)
     state = under_way(ASSISTED, speed=np.float64(0.4))
     for error, share in ((0.0, 1.0), (0.2, 1.0), (0.3, 0.5), (0.4, 0.0), (0.9, 0.0)):
@@ -285,7 +285,7 @@ def test_damped_tracks_surge_and_yaw_rate():
 
 
 @pytest.mark.thorough
-def test_a_long_damped_turn_ends_with_the_nose_to_the_centre():
+def test_long_damped_turn_ends_with_nose_toward_the_centre():
     """u -> 0 and v -> -k1 u_r/(m r_r), 1 %, with the yaw rate held: physics, not a choice."""
     (log,) = flown((0, 0.5, 0.0, "damped"), (3, 0.5, 0.4, "damped"), (29, 0.5, 0.4, "damped"))
     end = log.between(25, 30)
@@ -296,7 +296,7 @@ def test_a_long_damped_turn_ends_with_the_nose_to_the_centre():
 
 @pytest.mark.thorough("-0.6")
 @pytest.mark.parametrize("turn", [-0.6, 0.6])
-def test_assisted_turns_at_speed(turn):
+def test_assisted_turn_holds_speed_and_course_rate(turn):
     """Ideal: 0.6 m/s to 2 %, the course at 0.36 rad/s to 1 %, the nose within 0.4 rad of the centre, both ways."""
     (log,) = flown((0, 0.75, 0.0, "assisted"), (6, 0.75, turn, "assisted"), (29, 0.75, turn, "assisted"))
     speed, course, nose, _ = motion(log)
@@ -309,7 +309,7 @@ def test_assisted_turns_at_speed(turn):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("turn", [-0.6, 0.6])
-def test_assisted_turns_at_speed_over_the_radio(turn):
+def test_assisted_turn_over_the_radio_holds_speed_and_course_rate(turn):
     """Delays of 76 ms, rudder and fan with their limits, sensors exact: 0.05 m/s and 0.02 rad/s about the same."""
     script = (0, 0.75, 0.0, "assisted"), (6, 0.75, turn, "assisted"), (29, 0.75, turn, "assisted")
     (log,) = flown(*script, ideal=False, without=("navigation-error",))
@@ -320,7 +320,7 @@ def test_assisted_turns_at_speed_over_the_radio(turn):
     assert np.polyfit(log.t[held], course[held], 1)[0] == pytest.approx(0.6 * turn, abs=0.02)
 
 
-def test_assisted_stops_and_stays():
+def test_assisted_stops_and_remains_at_rest():
     """Out of a turn: 0.04 m/s eight seconds on, of which the dead zone and the slow turn of the nose leave most."""
     (log,) = flown((0, 0.75, 0.0, "assisted"), (6, 0.75, 0.6, "assisted"), (14, 0.0, 0.0, "assisted"))
     speed, *_ = motion(log)
@@ -329,7 +329,7 @@ def test_assisted_stops_and_stays():
 
 
 @pytest.mark.thorough
-def test_the_dead_man_stops_it():
+def test_lost_stick_brings_the_craft_to_rest():
     """The stick falls silent at 8 s: lost 0.3 s after its last sample came, and the craft comes to rest by itself."""
     script = (0, 0.75, 0.0, "assisted"), (29, 0.75, 0.0, "assisted"), (29.5, 0.75, 0.0, "assisted")
     (log,) = flown(*script, faults=("sensor:stick off @ 8 s",))
@@ -344,7 +344,7 @@ def test_the_dead_man_stops_it():
 
 
 @pytest.mark.thorough
-def test_both_backends_fly_alike():
+def test_c_and_jax_backends_agree():
     """JAX and C: 8 s in all three modes, to 1e-9 of each signal's size."""
     scenario, _ = catalogue.load_scenario("hovercraft/pilot")
     script = stick_script(

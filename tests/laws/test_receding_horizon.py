@@ -97,7 +97,7 @@ SLOW = [pytest.param(name, marks=pytest.mark.thorough) for name in ("eight", "wa
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["circle", *SLOW])
-def test_it_follows_within_the_limits(name):
+def test_tracks_paths_within_force_and_rate_limits(name):
     """From any heading: within 15 s it is on the path; all the while thrust, angle and their rates keep the limits."""
     reference, near = PATHS[name]
     for heading in (0.0, 2.5):
@@ -114,7 +114,7 @@ def test_it_follows_within_the_limits(name):
 
 
 @pytest.mark.thorough
-def test_tighter_limits_are_kept_too():
+def test_tighter_limits_are_respected():
     law = replace(LAW, push=0.5, pull=0.3, deflection=0.2, thrust_rate=1.0, angle_rate=0.5)
     _, output = fly(Circle(), at_rest(Circle(), 1.0), 10, law)
     assert output.thrust.max() <= 0.5 + 1e-12
@@ -136,7 +136,7 @@ def first_state():
 
 
 @pytest.mark.thorough
-def test_the_demand_is_held_between_its_periods():
+def test_demand_is_held_between_control_periods():
     x = at_rest(Circle(), 0.5)
     state, output = steps()(LAW, np.int64(0), first_state(), x, 0.0, True)
     for t in (1, 7, 19):
@@ -148,7 +148,7 @@ def test_the_demand_is_held_between_its_periods():
 
 
 @pytest.mark.thorough
-def test_it_begins_with_the_first_valid_estimate():
+def test_reference_starts_with_the_first_valid_estimate():
     x, late = at_rest(Circle(), 0.0), np.int64(1234 * MS)
     state, _ = steps()(LAW, late, first_state(), x, 0.0, False)
     assert not state.began
@@ -158,7 +158,7 @@ def test_it_begins_with_the_first_valid_estimate():
     np.testing.assert_allclose([output.north_reference, output.east_reference], [1.5, 0.0], atol=1e-12)
 
 
-def test_not_even_nonsense_leaves_the_limits():
+def test_nan_and_extreme_states_stay_within_the_limits():
     for x in (np.full(6, np.nan), np.full(6, 1e6), np.array([0, 0, 50.0, 0, 0, 0])):
         state, output = steps()(LAW, np.int64(0), first_state(), x, 0.0, True)
         assert -LAW.pull <= output.thrust <= LAW.push
@@ -167,7 +167,7 @@ def test_not_even_nonsense_leaves_the_limits():
         assert not (output.solved and np.isnan(x).any())
 
 
-def test_the_state_is_carried_on_by_what_is_under_way():
+def test_state_is_predicted_over_commands_in_transit():
     """An old estimate with the moves sent since, or the state that they lead to: the same program."""
     rng = np.random.default_rng(2)
     sent = np.column_stack([rng.uniform(-20, 20, 8), rng.uniform(-0.3, 0.3, 8)])
@@ -223,7 +223,7 @@ def plan_cost(plan, x, law, before):
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
-def test_repeated_steps_end_at_the_best_plan():
+def test_repeated_steps_converge_to_the_slsqp_optimum():
     """At one state and instant: its plan costs what scipy's SLSQP finds, from the same start, with the same limits."""
     law = replace(LAW, rounds=6, iterations=50, damping=1e-3)
     x, begin = at_rest(law.reference, 0.6) + np.array([0.1, 0.05, 0.1, 0, 0.05, -0.05]), 0.0
