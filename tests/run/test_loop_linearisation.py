@@ -43,7 +43,7 @@ def sampled_cart(delay):
     return whole
 
 
-def test_its_poles_are_those_of_the_loop_by_hand(cart):
+def test_poles_match_the_analytical_cart_loop(cart):
     wanted = np.linalg.eigvals(sampled_cart(2))
     found = cart.poles()[: len(wanted)]
     for pole in wanted:
@@ -52,7 +52,7 @@ def test_its_poles_are_those_of_the_loop_by_hand(cart):
 
 
 @pytest.mark.thorough
-def test_its_margins_are_those_of_the_loop_by_hand(cart):
+def test_margins_match_the_analytical_cart_loop(cart):
     margins = loop_margins(cart)
     size = {d: np.abs(np.linalg.eigvals(sampled_cart(d))).max() for d in range(2, 14)}
     last = max(d for d in size if size[d] < 1)
@@ -62,7 +62,7 @@ def test_its_margins_are_those_of_the_loop_by_hand(cart):
 
 
 @pytest.mark.thorough
-def test_the_bode_plot_is_that_of_the_loop_by_hand(cart):
+def test_frequency_response_matches_the_analytical_cart_loop(cart):
     """Broken at the command: two steps of delay, the plant with a hold, gain and sum."""
     w = np.array([0.7, 5.0, 22.0, 90.0])
     z = np.exp(1j * w * 0.005)
@@ -97,7 +97,7 @@ def fly_off_the_trim(scenario, delay):
 
 
 @pytest.mark.thorough
-def test_the_largest_delay_is_that_of_flights_to_a_millisecond(boat):
+def test_delay_margin_matches_simulated_flights_to_a_millisecond(boat):
     """Decay of a small deviation: between the largest delay of the poles and one instant more it turns to growth."""
     loop = linearise_loop(boat, direct=True)
     last = round(loop_margins(loop).delay * 1e3)
@@ -114,7 +114,7 @@ def test_the_largest_delay_is_that_of_flights_to_a_millisecond(boat):
 
 
 @pytest.mark.thorough
-def test_the_sources_radio_costs_half_of_the_margin():
+def test_radio_links_halve_the_delay_margin():
     """36 ms down and 40 ms up, in frames of 20 ms: the rings of both links are states, put back in place."""
     loop = linearise_loop(build("hovercraft/forward"), direct=True)
     assert loop.period == pytest.approx(0.06)
@@ -125,7 +125,7 @@ def test_the_sources_radio_costs_half_of_the_margin():
 
 
 @pytest.mark.thorough
-def test_a_loop_without_a_derivative_and_one_that_does_not_rest_are_refused(boat):
+def test_rejects_a_non_differentiable_loop_and_an_unstable_loop(boat):
     with pytest.raises(InputError, match="zero thrust"):
         linearise_loop(boat)
     falling = scenario()
@@ -150,7 +150,7 @@ def hover_by_hand():
 
 
 @pytest.mark.thorough
-def test_a_hover_has_no_pole_of_the_quaternions_length_and_those_of_its_height_by_hand():
+def test_hover_poles_match_analysis_without_a_quaternion_length_pole():
     loop = linearise_loop(build("quadrotor/track", {"trajectory": "place"}))
     kept = [n for n, idle in zip(loop.states, loop.idle, strict=True) if not idle]
     assert [n for n in kept if n.startswith("s.x.attitude")] == [f"s.x.attitude.{a}" for a in "xyz"]
@@ -162,7 +162,7 @@ def test_a_hover_has_no_pole_of_the_quaternions_length_and_those_of_its_height_b
 
 
 @pytest.mark.thorough
-def test_a_round_of_a_circle_is_a_map_whose_phase_is_no_state():
+def test_circle_flight_linearises_with_idle_phase_state():
     """Once round in 5 s: nothing is left of a deviation but what the slowest pole leaves, which is no clock's."""
     scenario = build("quadrotor/track")
     with pytest.raises(InputError, match="round"):
