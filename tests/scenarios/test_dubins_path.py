@@ -21,7 +21,7 @@ def at_goal(log, scenario, word):
 
 @pytest.mark.thorough("LSL", "RSR", "RSL", "LRL")
 @pytest.mark.parametrize("word", WORDS)
-def test_the_car_gets_there_by_the_shortest_word(word):
+def test_car_reaches_the_goal_by_the_shortest_word(word):
     scenario = build("dubins/path", {"word": word})
     assert word_of(scenario.autopilot.law.reference) == word
     away, turn = at_goal(simulate(scenario.ideal()), scenario, word)
@@ -34,7 +34,7 @@ def test_the_car_gets_there_by_the_shortest_word(word):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("word", ["RLR", "LRL"])
-def test_a_predictor_makes_up_for_the_links(word):
+def test_predictor_halves_the_tracking_error_of_links(word):
     """From one turn into the other, where a delay costs most."""
     late, on = (simulate(build("dubins/path", {"word": word, "predictor": p})) for p in ("off", "on"))
     rms = [np.sqrt(np.mean(log["law.cross_track"][log.t > 3] ** 2)) for log in (late, on)]

@@ -29,7 +29,7 @@ def first(log, signal, holds):
 
 
 @pytest.mark.thorough
-def test_zero_velocity_extremes():
+def test_zero_velocity_extremes_match_the_figure():
     """Fig. 6.7: extremes within 2 %, the turn stopped at 4.09 s."""
     log = ideal("zero-velocity")
     surge, sway = log["truth.surge_velocity"], log["truth.sway_velocity"]
@@ -63,7 +63,7 @@ def test_zero_velocity_never_holds_a_heading():
     assert drift == pytest.approx(np.sqrt(2 / c) * (np.sqrt(2000 + t0) - np.sqrt(1000 + t0)), rel=0.01)
 
 
-def test_spin_extremes():
+def test_spin_extremes_match_the_figure():
     """Fig. 6.10: extremes within 1.5 %."""
     log = ideal("spin")
     wanted = {"surge_velocity": (-0.239, 0.169), "sway_velocity": (-0.197, 0.180)}
@@ -73,7 +73,7 @@ def test_spin_extremes():
     assert log["truth.yaw_rate"].max() == pytest.approx(3.438, rel=0.015)
 
 
-def test_spin_brakes_first_when_it_must():
+def test_spin_brakes_before_spinning_from_a_fast_slide():
     """Section 1.5: from a fast slide the supervisor damps until V < eps(Pi), then spins and reaches the good point."""
     start = (("initial.sway_velocity", "-1.0"), ("initial.yaw_rate", "-4.0"))
     log = ideal("spin", *start, duration=seconds(60))
@@ -84,7 +84,7 @@ def test_spin_brakes_first_when_it_must():
 
 
 @pytest.mark.thorough
-def test_bang_bang_chatters_at_the_edge():
+def test_bang_bang_chatters_at_the_tolerance_edge():
     """Fig. 6.12: it stays at the tolerance's edge, switches over 400 times, and its sway does not vanish."""
     log = ideal("heading-bang-bang")
     error = log["law.heading_error"][log.t > 30]
@@ -122,7 +122,7 @@ def test_proportional_is_slower_than_bang_bang_and_slides_less():
 
 
 @pytest.mark.thorough
-def test_floored_proportional_ends_without_the_error():
+def test_floored_proportional_has_no_steady_error():
     """Section 1.6: the floor on the reference cures the freezing."""
     log = ideal("heading-proportional")
     assert np.abs(log["law.heading_error"][log.t > 30]).max() < 3 * np.pi / 180

@@ -18,7 +18,7 @@ BANDS = {"swing": (0.10, 4.0), "steps": (0.30, 50.0)}
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("law", BANDS)
-def test_it_stays_near(law):
+def test_craft_stays_near_the_goal_pose(law):
     scenario, _ = catalogue.load_scenario("hovercraft/pose", {"law": law})
     logs = simulate_many(scenario, seeds=range(8), log_period=ms(20), signals=("truth", "law"))
     rests = []

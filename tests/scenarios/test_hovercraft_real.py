@@ -93,7 +93,7 @@ def test_forward_real_rises_in_five_seconds_and_wanders():
 
 
 @pytest.mark.thorough
-def test_navigation_noise_is_the_main_cause_of_the_oscillation():
+def test_navigation_noise_is_the_main_cause_of_oscillation():
     """Text: "INS noise is the primary cause": without it nothing wanders, without delays nearly all of it stays."""
     t, quiet = stacked("forward", "sway_velocity", without=("navigation-error",))
     late = t > 8
@@ -119,7 +119,7 @@ def test_spin_real_turns_at_three_radians_per_second():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["heading-bang-bang", "heading-proportional"])
-def test_headings_are_reached_by_the_shortest_way_unless_the_source_s_reading_is_asked_for(name):
+def test_headings_turn_the_shortest_way_except_with_plain_difference(name):
     """From rest at most one run in sixty turns a whole circle; with fig. 6.11's plain difference every run does."""
     circles = {}
     for initial, target in (("", 1.0), ("moving", 5.0)):
@@ -185,7 +185,7 @@ ROWS = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", SHARES)
-def test_shares_of_runs_that_hold_the_heading_are_those_of_the_page(name):
+def test_heading_success_rates_match_the_docs_page(name):
     """docs/laws/heading.md prints the share and its 95 % interval, each to a tenth of a per cent."""
     scenario, success, settings = SHARES[name]
     words = ["campaign", scenario, "--runs", "2000", "--success", success, *settings, "--json"]

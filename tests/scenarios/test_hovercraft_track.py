@@ -28,7 +28,7 @@ def place_errors(log):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("reference", BANDS)
-def test_it_follows(reference):
+def test_craft_tracks_each_reference(reference):
     scenario, _ = catalogue.load_scenario("hovercraft/track", {"reference": reference})
     ideal = simulate(scenario.ideal(), log_period=ms(20), signals=("truth", "law"))
     logs = simulate_many(scenario, seeds=range(8), log_period=ms(20), signals=("truth", "law"))
@@ -51,13 +51,13 @@ def test_target_is_the_distance_from_the_path(law):
 
 
 @pytest.mark.thorough
-def test_what_the_law_logs_is_the_true_error_where_it_knows_the_truth():
+def test_logged_position_error_is_true_on_the_ideal_twin():
     log = simulate(build("hovercraft/track").ideal(), duration=ms(3000), log_period=ms(100))
     np.testing.assert_allclose(log["law.position_error"], place_errors(log), atol=1e-6)
 
 
 @pytest.mark.thorough
-def test_along_the_path_it_waits_for_a_craft_that_starts_behind():
+def test_path_progress_waits_for_a_craft_starting_behind():
     """From 1.5 m behind: in time it cuts across; along the path that waits, and so is behind the clock ever after."""
     settings = {"initial.east": "-1.6", "duration": "40 s"}
     progress = {}

@@ -35,7 +35,7 @@ def proved(certificate, **settings):
 
 
 @pytest.mark.thorough
-def test_the_loop_s_poles_are_those_of_gain_and_filter(certificate, at):
+def test_loop_poles_are_those_of_gain_and_filter(certificate, at):
     """Separation, for the model itself: the thirteen poles of the whole loop are those of A + B K and A_eta - L C."""
     A = loop.continuous_loop(CRAFT, CRAFT, certificate.K, certificate.observer.L, at)
     wanted = np.concatenate([certificate.poles, certificate.observer.poles])
@@ -44,7 +44,7 @@ def test_the_loop_s_poles_are_those_of_gain_and_filter(certificate, at):
 
 
 @pytest.mark.thorough
-def test_the_sampled_loop_comes_to_the_continuous_one(certificate, at):
+def test_sampled_loop_converges_to_the_continuous_loop(certificate, at):
     """Its poles are exp(s T) of A + B K's, but for what holding an input delays: half of it with half the period."""
 
     def apart(period):
@@ -60,7 +60,7 @@ def test_the_sampled_loop_comes_to_the_continuous_one(certificate, at):
 
 
 @pytest.mark.thorough
-def test_vertices_hold_the_whole_box(certificate, at):
+def test_loop_matrix_is_a_convex_combination_of_vertices(certificate, at):
     """The loop is affine in each coefficient by itself: at random inside, it is the mean of the corners, weighted."""
     parts = np.random.default_rng(0).uniform(-1, 1, 5)
     L = certificate.observer.L
@@ -80,7 +80,7 @@ def test_vertices_hold_the_whole_box(certificate, at):
     assert np.abs(apart).max() < 1e-9 * np.abs(mean * size / size[:, None]).max()
 
 
-def test_boxes_of_modes_cover_their_range():
+def test_modal_boxes_cover_their_range():
     """Edges of neighbours meet, the outermost are the range's ends, and 2 zeta w is at its ends in every one."""
     boxes = list(certified._modal_boxes(CRAFT, 0.03))
     assert len(boxes) == 9
@@ -95,7 +95,7 @@ def test_boxes_of_modes_cover_their_range():
 
 
 @pytest.mark.thorough
-def test_what_is_proved_of_the_shipped_loop(certificate):
+def test_shipped_loop_conditions_are_all_proved(certificate):
     lines = proved(certificate)
     assert all(line.holds for line in lines.values()), lines
     sampled = lines["the sampled loop decays"]
@@ -108,7 +108,7 @@ def test_what_is_proved_of_the_shipped_loop(certificate):
 
 
 @pytest.mark.thorough
-def test_integral_action_is_part_of_the_loop(at):
+def test_loop_includes_integral_action(at):
     """As the scenarios fly it: 22 and 15 states; poles of the whole are again those of gain and filter."""
     c = hypersonic.certificate(integral="true")
     A = loop.continuous_loop(CRAFT, CRAFT, c.K, c.observer.L, at)
@@ -125,7 +125,7 @@ def test_integral_action_is_part_of_the_loop(at):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("filter", ["accurate", "printed"])
-def test_filters_that_modes_1_percent_off_defeat_are_not_proved(filter):
+def test_fragile_filters_are_not_proved_for_1_percent_mode_error(filter):
     """They lose the vehicle, as flights do; the sampled loop of the exact model decays with each."""
     settings = {"filter": filter, "mode_error": 0.01}
     lines = proved(hypersonic.certificate(**settings), **settings)
@@ -136,7 +136,7 @@ def test_filters_that_modes_1_percent_off_defeat_are_not_proved(filter):
 
 
 @pytest.mark.thorough
-def test_the_shipped_filter_s_box_reaches_5_percent(certificate):
+def test_shipped_filter_is_proved_for_5_percent_mode_error(certificate):
     lines = proved(certificate, mode_error=0.05)
     assert lines["every plant of the modes' box decays"].holds
     lines = proved(certificate, mode_error=0.2)
@@ -153,14 +153,14 @@ def test_the_shipped_filter_s_box_reaches_5_percent(certificate):
         (lambda c: c._replace(P=-c.P), "inside a level of V no input saturates"),
     ],
 )
-def test_each_line_of_the_loop_is_broken_by_its_own_change(certificate, change, line):
+def test_each_proof_condition_fails_for_its_mutation(certificate, change, line):
     condition = proved(change(certificate))[line]
     assert not condition.holds
     assert condition.why
 
 
 @pytest.mark.thorough
-def test_flights_from_the_level_s_edge_keep_the_inputs_and_come_home(certificate, at):
+def test_flights_from_the_proved_level_converge_without_saturation(certificate, at):
     """The vehicle itself, not its linear model, from 40 points where V is the proved level: no input reaches a limit,
     and V falls below a hundredth in 15 s."""
     line = proved(certificate)["inside a level of V no input saturates"]
@@ -208,7 +208,7 @@ def test_flights_from_the_level_s_edge_keep_the_inputs_and_come_home(certificate
 
 
 @pytest.mark.thorough
-def test_the_plant_may_be_another(at, certificate):
+def test_loop_matrix_depends_on_the_plant(at, certificate):
     heavy = replace(Hypersonic(), m=330.0)
     A = loop.continuous_loop(heavy, CRAFT, certificate.K, certificate.observer.L, at)
     assert not np.allclose(A, loop.continuous_loop(CRAFT, CRAFT, certificate.K, certificate.observer.L, at))

@@ -33,7 +33,7 @@ def errors(log):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("gnss", ["fixes", "ranges"])
-def test_it_knows_where_it_is_and_how_well(logs, gnss):
+def test_navigation_errors_are_small_and_within_five_sigma(logs, gnss):
     """From 3 s on, but for the outage: half a metre, a tenth of a metre a second, two degrees; four sigmas at most."""
     t, error, sigma = errors(logs[gnss])
     seen = (t > 3) & ((t < 9) | (t > 13.5))
@@ -46,7 +46,7 @@ def test_it_knows_where_it_is_and_how_well(logs, gnss):
 
 
 @pytest.mark.thorough
-def test_in_the_outage_fixes_stop_and_two_satellites_still_hold_the_drift(logs):
+def test_satellite_ranges_limit_drift_during_the_fix_outage(logs):
     for gnss, log in logs.items():
         used = log["estimate.state.gnss_fix.used"]
         t = np.arange(len(log)) * 0.02
@@ -59,7 +59,7 @@ def test_in_the_outage_fixes_stop_and_two_satellites_still_hold_the_drift(logs):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("gnss", ["fixes", "ranges"])
-def test_nothing_is_lost_late_or_ill(logs, gnss):
+def test_gnss_fixes_are_used_and_navigation_stays_healthy(logs, gnss):
     log = logs[gnss]
     assert log["estimate.state.gnss_fix.late"][-1] == 0
     assert log["estimate.state.gnss_fix.rejected"][-1] <= 1
@@ -70,7 +70,7 @@ def test_nothing_is_lost_late_or_ill(logs, gnss):
 
 
 @pytest.mark.thorough
-def test_the_start_is_off_and_imperfections_can_be_switched_off(logs):
+def test_start_error_exists_and_imperfections_can_be_disabled(logs):
     _, error, sigma = errors(logs["fixes"])
     assert (np.abs(error[0][0]) > 0.4 * sigma[0][0]).all()
     scenario, _ = catalogue.load_scenario("navigation/aerial")

@@ -28,7 +28,7 @@ SEEDS, LATE = range(8), 5.0
 GROUPS = {"velocity": ("surge_velocity", "sway_velocity"), "position": ("north", "east"), "heading": ("heading",)}
 
 
-def test_every_kind_has_its_line_in_list_and_its_name_in_help():
+def test_every_navigation_kind_appears_in_list_and_help():
     listed = json.loads(CliRunner().invoke(main, ["list", NAME, "--json"]).output)["choice_lines"]["navigation"]
     assert set(listed) == set(KINDS) >= {"errors", "ins", "tight", "particle"}
     assert len({*listed.values()}) == len(KINDS)
@@ -43,7 +43,7 @@ def test_every_kind_has_its_line_in_list_and_its_name_in_help():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_gives_the_law_its_state(kind):
+def test_every_navigation_kind_estimates_the_states_of_the_law(kind):
     """The whole loop is traced, nothing flies: parts that don't fit each other are refused here."""
     scenario = build(NAME, {"navigation": kind})
     shapes = find_signals(scenario).shapes
@@ -71,7 +71,7 @@ def flown(kind):
 @pytest.mark.timeout(1800)
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "errors"])
-def test_every_kind_flies_as_its_page_says(kind):
+def test_every_navigation_kind_matches_the_accuracy_on_its_page(kind):
     rms, nees = flown(kind)
     sizes = f"{1000 * rms['position']:.1f} | {1000 * rms['velocity']:.0f} | {np.degrees(rms['heading']):.2f}"
     honest = " | ".join(f"{nees[group]:.2f}" for group in ("position", "velocity", "heading"))

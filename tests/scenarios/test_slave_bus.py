@@ -52,7 +52,7 @@ def test_forward_reaches_its_targets(forward):
 
 @compiled
 @pytest.mark.thorough
-def test_each_ping_is_later_by_the_way_over_the_bus(forward):
+def test_bus_delays_each_ping_by_its_transfer_time(forward):
     """24 bytes: three slots of 10 ms, the last with 4 bytes and an address, 0.45 ms; seen at the millisecond after."""
     _, log = forward
     _, before = flown("hovercraft/forward", "none")
@@ -73,20 +73,20 @@ def test_each_ping_is_later_by_the_way_over_the_bus(forward):
 
 @compiled
 @pytest.mark.thorough
-def test_nothing_is_dropped(forward):
+def test_bus_drops_no_ping(forward):
     _, log = forward
     pings = sorted(arrivals(log, "sensors"))
     assert set(np.diff(pings)) == {ms(100)}
 
 
-def test_a_log_knows_that_there_was_a_bus():
+def test_log_is_rebuilt_with_its_bus():
     """What `replay` builds again; only names and numbers are looked at, nothing is flown."""
     scenario, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins", "bus": "slave"})
     log = Log(np.zeros(1), np.zeros(1, np.int64), {"truth.north": np.zeros(1)}, {}, describe_scenario(scenario), {})
     assert type(rebuild_scenario(log).world.sensors["ranging"]).__name__ == "RelayedSensor"
 
 
-def test_the_error_model_has_no_units_to_put_on_a_bus():
+def test_rejects_the_bus_with_the_error_model():
     with pytest.raises(InputError, match="the bus carries ultrasonic samples") as refused:
         catalogue.load_scenario("hovercraft/forward", {"bus": "slave"})
     assert 'navigation="ins"' in refused.value.fix

@@ -12,7 +12,7 @@ def cross_track(log, start=0.0):
 
 
 @pytest.mark.thorough
-def test_it_sails_past_all_way_points_at_its_speed():
+def test_vessel_passes_all_waypoints_at_its_speed():
     log = simulate(build("vessel/path"), seed=0)
     north, east = log["truth.north"], log["truth.east"]
     for place in ((12.0, 0.0), (18.0, 8.0)):
@@ -24,7 +24,7 @@ def test_it_sails_past_all_way_points_at_its_speed():
 
 
 @pytest.mark.thorough
-def test_without_its_integral_the_current_sets_it_off_the_last_leg():
+def test_zero_integral_gain_leaves_cross_track_error_in_current():
     """By D tan(crab), crab the angle at which the vessel has to meet the current."""
     settings = {"duration": "125"}
     logs = {
@@ -47,13 +47,13 @@ def test_without_its_integral_the_current_sets_it_off_the_last_leg():
         ({"reference": "circle"}, 45, 0.5),
     ],
 )
-def test_choices_fly(settings, since, most):
+def test_each_choice_tracks_within_its_bound(settings, since, most):
     log = simulate(build("vessel/path", settings), seed=1)
     assert np.sqrt(np.mean(cross_track(log, since) ** 2)) < most
 
 
 @pytest.mark.thorough
-def test_it_needs_a_rudder_that_is_quick_enough():
+def test_slow_rudder_makes_the_vessel_weave():
     """Unstable in yaw: with a rudder of 2 degrees a second it weaves; the default does not."""
     slow = simulate(build("vessel/path", {"world.vehicle.rudder_rate": "0.035"}), seed=0)
     quick = simulate(build("vessel/path"), seed=0)
@@ -62,7 +62,7 @@ def test_it_needs_a_rudder_that_is_quick_enough():
 
 
 @pytest.mark.thorough
-def test_seeds_differ_by_noise_and_losses_alone():
+def test_seeds_vary_the_error_within_its_bound():
     logs = simulate_many(build("vessel/path"), seeds=range(20))
     errors = [np.sqrt(np.mean(cross_track(log, 20) ** 2)) for log in logs]
     assert np.std(errors) > 0
