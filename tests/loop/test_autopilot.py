@@ -1,4 +1,4 @@
-"""The autopilot alone: a frame in, a command out; when it stands still, and what it refuses."""
+"""The autopilot alone: a frame in, a command out; invalid estimates, and errors at construction."""
 
 from typing import Any, ClassVar
 
@@ -15,7 +15,7 @@ from trimtab.loop.structure import strengthen_types
 
 
 def frame(now, x, t=None, *, fresh=True, valid=True):
-    """What the autopilot holds at `now`: x, measured at t."""
+    """Return the frame at `now` with x measured at t."""
     t = now if t is None else t
     value = RulerReading(x=np.float64(x), v=np.float64(0.0))
     sample = Sample(value, np.int64(t), np.float64((now - t) * 1e-7), np.bool_(fresh), np.bool_(valid))
@@ -23,7 +23,7 @@ def frame(now, x, t=None, *, fresh=True, valid=True):
 
 
 def fly(autopilot, *frames):
-    """States after each frame."""
+    """Return the autopilot's state after each frame."""
     state, states = strengthen_types(autopilot.init(key(0), frame(0, 0.0, valid=False))), []
     for one in frames:
         state, command = autopilot.step(one.t, state, one)
@@ -64,7 +64,7 @@ def test_nan_in_an_unread_field_leaves_the_command_valid():
 
 @record
 class Dividing(Doubling):
-    """Wants one over x: no number at 0. Source: this test."""
+    """Demands 1/x: infinite at 0. Source: this test."""
 
     def step(self, t: Any, state: Any, estimate: Any) -> Any:
         new, output = super().step(t, state, estimate)
@@ -80,7 +80,7 @@ def test_nonfinite_demand_invalidates_the_command_and_holds_the_law():
 
 
 def test_fresh_marks_samples_newer_than_the_last_step():
-    """By the time of measurement: what came between two steps is fresh at the next; what is held is not."""
+    """Freshness follows the measurement time: a sample received between two steps is fresh at the next step."""
     states = fly(
         cart_autopilot(period=2 * SECOND),
         frame(0, 1.0),
@@ -114,14 +114,14 @@ def test_recomputed_outputs_are_dropped_from_the_state():
 
 @record
 class Reader(Doubling):
-    """Reads what the ruler does not give. Source: this test."""
+    """Reads a field that the ruler does not measure. Source: this test."""
 
     reads: ClassVar[tuple[str, ...]] = ("xs",)
 
 
 @record
 class Mute(Doubling):
-    """Wants nothing. Source: this test."""
+    """Gives no demand. Source: this test."""
 
     def step(self, t: Any, state: Any, estimate: Any) -> Any:
         return state, Speed(1.0 + estimate.state.x)
@@ -129,7 +129,7 @@ class Mute(Doubling):
 
 @record
 class Stubborn:
-    """An allocation that reads what no demand has. Source: this test."""
+    """An allocation that reads a missing field of the demand. Source: this test."""
 
     def init(self, key: Any) -> tuple[()]:
         return ()

@@ -1,4 +1,4 @@
-"""A calibration put into a scenario: the world has it, the autopilot believes it, logs say so, replays need no file."""
+"""A calibration applied to a scenario: world, autopilot, log and replay."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a campaign draws of a calibration: its covariances, tables too, and what it says it does not draw."""
+"""Parameters that a campaign draws from a calibration: covariances, tables, and reported omissions."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ LINK_COVARIANCE = [[2.5e-7, 1e-7], [1e-7, 1.6e-7]]
 
 
 def reverse_calibration(size=1.0):
-    """A cubic fitted to ratios of 2 % at 13 speeds, three times: nearly collinear, as they are."""
+    """Return a cubic fitted to ratios with 2 % noise at 13 speeds, three times: nearly collinear coefficients."""
     n = np.repeat(np.arange(6, 12.1, 0.5), 3)
     A = np.stack([n**3, n**2, n, np.ones_like(n)], 1)
     P = np.linalg.inv(A.T @ A) * (0.02 * size) ** 2
@@ -49,7 +49,7 @@ def link_and_inertia():
 
 
 def draw(scenario, calibration, n=4000):
-    """Arrays of n worlds."""
+    """Return the arrays of n draws."""
     found = calibrated_spread(scenario, calibration)
     factors = parse_factors((path, parse_distribution(text)) for path, text in found.drawn.items())
     spread = resolve_spread(scenario, factors, found.correlate)

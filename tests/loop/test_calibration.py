@@ -1,4 +1,4 @@
-"""The calibration file: what is written comes back, and what is none is refused."""
+"""The calibration file: round trip, hash, merging, comparison and invalid files."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Faults: each word for each kind of part against what its page says, texts, and runs that are untouched by none."""
+"""Faults: each kind on each type of part against its documentation, fault texts, and dormant faults."""
 
 import functools
 
@@ -30,7 +30,7 @@ N, SLOTS = 300, 40
 
 @record
 class Reading:
-    """What the odometer tells. Source: this test."""
+    """Reading of the odometer. Source: this test."""
 
     distance: Scalar = quantity("m", "Rises by one a step, from 100.")
     ok: Scalar = quantity("1", "Always.", kind="flag")
@@ -75,7 +75,7 @@ def _scanned(part, given, carried):
 
 
 def flown(part, given, carried=False):
-    """Outputs of N steps, as numpy arrays; compiled once for all words."""
+    """Return the outputs of N steps as numpy arrays; compiled once for all fault kinds."""
     return jax.tree.map(np.asarray, _scanned(to_arrays(part), given, carried))
 
 
@@ -109,7 +109,7 @@ TRUE = 100.0 + K
 
 
 def _is_itself(out: Sample, where):
-    """Samples as the part itself gives them."""
+    """Assert that the samples equal those of the part without a fault."""
     np.testing.assert_array_equal(out.value.distance[where], TRUE[where])
     np.testing.assert_array_equal(out.t[where], K[where] * STEP)
     assert out.fresh[where].all()
@@ -118,7 +118,7 @@ def _is_itself(out: Sample, where):
 
 
 def _is_silent(out, where, last):
-    """Nothing new since step `last`, and an age that grows."""
+    """Assert that no sample is newer than step `last` and that the age grows."""
     np.testing.assert_array_equal(out.t[where], np.broadcast_to(last, N)[where] * STEP)
     np.testing.assert_array_equal(out.value.distance[where], (100.0 + np.broadcast_to(last, N))[where])
     np.testing.assert_allclose(out.age[where], (K - last)[where] * 0.01, atol=1e-12)
@@ -270,7 +270,7 @@ def test_link_fault_triggers_on_a_carried_signal():
 
 
 def test_fault_kind_changes_at_run_time_without_recompiling():
-    """One compiled step, another word and another severity."""
+    """One compiled step runs with several kinds and severities."""
     sensor = to_arrays(FaultySensor(Odometer(), Fault(), capacity=10))
     step = jax.jit(lambda p, t, s: p.step(t, s, motion(t)))
     state = strengthen_types(sensor.init(key(0)))
@@ -327,7 +327,7 @@ def test_dormant_faults_leave_a_run_bit_for_bit_unchanged(flight, backend):
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_garbage_does_not_reach_the_actuators(flight):
-    """A NaN in what the law reads makes the command invalid, for as long as it is there."""
+    """A NaN in a state that the law reads makes the command invalid while the NaN lasts."""
     log = simulate(inject_faults(flight, ["sensor:navigation garbage @ 300 ms for 300 ms"]), backend="c")
     bad = ~np.isfinite([log[f"estimate.state.{n}"] for n in flight.autopilot.law.reads]).all(axis=0)
     assert bad[300:].any()

@@ -1,4 +1,4 @@
-"""The truth between two instants: stiff contact against scipy's Radau, events, jumps, and what a run is told."""
+"""Integration between two instants: stiff contact against scipy's Radau, events, jumps, and reported errors."""
 
 from functools import cache
 
@@ -23,7 +23,7 @@ FLOOR, START = StiffFloor(), HeightState()
 
 @cache
 def radau(end):
-    """Height and speed after a fall on the stiff floor, by scipy."""
+    """Return height and speed after a fall on the stiff floor, by scipy."""
 
     return solve_ivp(numpy_rates, (0, end), [1.0, 0.0], method="Radau", rtol=1e-11, atol=1e-13, max_step=0.01).y[:, -1]
 
@@ -86,7 +86,7 @@ def test_step_limit_accepts_a_large_error_and_reports_it():
 
 
 def bounces(kept, end):
-    """Height, speed and number of bounces of a ball that fell from one metre, in closed form."""
+    """Return height, speed and number of bounces of a ball dropped from one metre, in closed form."""
     t, w, n = np.sqrt(2 / G), kept * np.sqrt(2 * G), 1
     while t + 2 * w / G <= end:
         t, w, n = t + 2 * w / G, kept * w, n + 1
@@ -138,7 +138,7 @@ def test_state_is_normalised_after_each_step():
 
 @record
 class NamedTop(Top):
-    """The same, which says what its quaternion is. Source: this test."""
+    """The same, with a declared quaternion. Source: this test."""
 
     QUATERNIONS = ("q",)
 
@@ -165,7 +165,7 @@ def test_rejects_group_integration_without_a_quaternion():
 
 @pytest.mark.thorough
 def test_step_doubling_estimates_the_error_of_rk4():
-    """In free fall there is none; in the contact it is far off, and the step is the plain one to the bit."""
+    """The error is zero in free fall and large in the contact; the step equals RK4 bit for bit."""
     doubled = simulate(fall(FLOOR, START, replace(PLAIN_STEP, method="rk4-doubling")), duration=ms(500))
     plain = simulate(fall(FLOOR, START), duration=ms(500))
     assert np.array_equal(doubled["truth.z"], plain["truth.z"])
@@ -196,7 +196,7 @@ def test_settings_add_a_missing_integration():
 
 @pytest.mark.thorough
 def test_rosenbrock_handles_time_dependent_dynamics():
-    """A vehicle's dynamics at t, not at the instant: forced in time, against its closed form."""
+    """The dynamics are evaluated at the time of each stage: a forced oscillator against scipy's Radau."""
 
     @record
     class Forced(StiffFloor):

@@ -1,4 +1,4 @@
-"""The filter of a vehicle's linear model: consistent on 1000 flights, against a dense oracle; unseen modes by name."""
+"""The filter of a vehicle's linear model: consistency, a dense reference filter, and unobservable modes."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,7 +25,7 @@ POSE = NoisyPlanarPose(position_noise=0.002, period=ms(10))
 
 
 def fly_many(changed):
-    """Errors (runs, times, n), covariances, NIS of RUNS flights that begin as the filter believes."""
+    """Return errors (runs, times, n), covariances and NIS of RUNS flights, started with the filter's covariance."""
     start = np.random.default_rng(0).normal(size=(RUNS, 4)) * list(FIRST.values())
     spread = {f"initial.{n}": start[:, i] for i, n in enumerate(NAMES)}
     signals = (*(f"{w}.{n}" for w in ("truth", "estimate.state") for n in NAMES), "estimate.P", "estimate.nis")
@@ -39,7 +39,7 @@ def mean_nees(e, P):
 
 
 def band(times, degrees):
-    """In which the mean of RUNS is at all of so many times, but in one study of a hundred."""
+    """Return the 99 % band of the mean over RUNS at all the given times together."""
     p = 0.005 / times
     return scipy.stats.chi2.ppf([p, 1 - p], degrees * RUNS) / RUNS
 
@@ -83,7 +83,7 @@ def test_estimate_matches_a_dense_kalman_filter():
 
 @record
 class TwinState:
-    """Two waters in one truck. Source: this test."""
+    """Two liquids in one truck. Source: this test."""
 
     position: Scalar = quantity("m", "Of the truck.", default=0.0)
     velocity: Scalar = quantity("m/s", "Its derivative.", default=0.0)
@@ -95,7 +95,7 @@ class TwinState:
 
 @record
 class TwinTank:
-    """Its waters swing alike where `apart` is zero, and then one against the other is felt by nobody."""
+    """For `apart` zero, both liquids have one frequency, and their differential mode is unobservable."""
 
     apart: Scalar = quantity("1", "How much stiffer the one behind is, in parts.", default=0.0)
     damping: Scalar = quantity("1/s", "Of both.", default=0.1)

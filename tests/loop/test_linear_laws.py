@@ -1,4 +1,4 @@
-"""Laws from gains and compensators: the columns go where the states are, and the loops fly."""
+"""Laws from gains and compensators: the columns match the states, and the loops are stable in simulation."""
 
 import control
 import numpy as np
@@ -38,7 +38,7 @@ def test_gain_read_from_file_keeps_its_columns(certificate, tmp_path):
 
 @pytest.mark.thorough
 def test_dart_law_equals_linear_feedback_on_error_coordinates():
-    """u of the law for a state off the steady turn is u0 + K e, e of `design.coordinates`."""
+    """For a state off the steady turn, the law gives u0 + K e, with e of `design.coordinates`."""
     x, u = steady_turn()
     model = error_model(Dart(), x, u)
     linear = linearise(model)
@@ -76,7 +76,7 @@ def test_reports_mismatch_between_law_model_and_vehicle():
 
 @pytest.mark.thorough
 def test_python_control_compensator_stabilises_the_cart(certificate):
-    """Kalman filter and gain of python-control, from position and lean alone, in the place of the state feedback."""
+    """A Kalman filter and gain of python-control, from position and lean alone, replace the state feedback."""
     linear = linearise(error_model(Cart(), CartState(), Push()))
     C = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0]])
     gain, _, _ = control.lqr(linear.A, linear.B, np.diag([4.0, 1, 50, 1]), [[0.1]])

@@ -1,4 +1,4 @@
-"""What the parts of an autopilot believe of the vehicle: refused where they differ, told where the world differs."""
+"""Vehicle models in the autopilot: rejected if they differ from each other, reported if they differ from the world."""
 
 import json
 

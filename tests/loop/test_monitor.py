@@ -1,4 +1,4 @@
-"""The monitor against the offline semantics, row by row and bit by bit; what it refuses; flights, replayed."""
+"""The monitor against the offline semantics, bit for bit; invalid formulas; replayed flights."""
 
 import re
 
@@ -38,7 +38,7 @@ def given(x, y):
 
 
 def watch(monitor, x, y, times=None, compiler=jax.jit):
-    """Outputs by name, each (n,), of a monitor that is given x and y (n,) at integer times."""
+    """Return the outputs by name, each (n,), of a monitor that receives x and y (n,) at integer times."""
     times = np.arange(len(x)) * monitor.period if times is None else times
     state = strengthen_types(monitor.init(given(0.0, 0.0)))
 
@@ -56,7 +56,7 @@ def watch(monitor, x, y, times=None, compiler=jax.jit):
 
 
 def drawn_formulas(n):
-    """Trees of formulas that are known in flight, by the pair's number."""
+    """Return random formulas that can be monitored in flight, by number."""
     found = {}
     for k in range(20 * n):
         tree = draw_pair(k)[0]
@@ -194,7 +194,7 @@ def spin(**settings):
 
 @pytest.fixture(scope="module")
 def flights():
-    """The same flight on the backends that are here."""
+    """Return the same flight on each available backend."""
     backends = ("c", "jax") if find_compiler("c") is not None else ("jax",)
     return {b: simulate(spin(), seed=3, duration=seconds(8), backend=b) for b in backends}
 

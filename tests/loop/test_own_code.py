@@ -1,4 +1,4 @@
-"""Slips in somebody's own law or vehicle are said with file and line, and with what to write instead."""
+"""Mistakes in a user's own law or vehicle are reported with file, line and a fix."""
 
 import math
 from math import sin

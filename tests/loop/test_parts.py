@@ -1,4 +1,4 @@
-"""Parts that settings put in by the names of their classes."""
+"""Settings that replace parts by the names of their classes."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""The radio of a swarm: whose slot it is, when it is heard, what is lost, and what is held."""
+"""The radio of a swarm: slots, delay, losses, and held messages."""
 
 import jax
 import numpy as np
@@ -14,7 +14,7 @@ from trimtab.sensors.planar_pose import PlanarPose
 
 
 def listen(radio, slots, speaks=lambda k: True):
-    """Stamps heard, (slot, receiver, sender); in slot k everybody has stamp k to say, or nothing."""
+    """Return the received stamps (slot, receiver, sender); in slot k every craft sends stamp k or is silent."""
     step, state, heard = jax.jit(radio.step), radio.init(key(1)), []
     for k in range(slots):
         stamp = k if speaks(k) else NEVER
@@ -53,7 +53,7 @@ def test_loss_rate_matches_and_losses_are_independent_per_receiver():
     came = np.array([[[heard[k, r, (k - 2) % n] == k - 2] for r in range(n)] for k in range(2, slots)])[..., 0]
     others = np.array([[r != (k - 2) % n for r in range(n)] for k in range(2, slots)])
     assert came[others].mean() == pytest.approx(1 - loss, abs=4 * np.sqrt(loss * (1 - loss) / others.sum()))
-    assert not came[~others].any(), "somebody heard itself"
+    assert not came[~others].any(), "a craft received its own message"
     pairs = came[:, :2][others[:, 0] & others[:, 1]]
     assert abs(np.corrcoef(pairs.T)[0, 1]) < 4 / np.sqrt(len(pairs))
 

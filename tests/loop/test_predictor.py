@@ -1,4 +1,4 @@
-"""Predictor: against SciPy over inputs of its own, against the truth that comes later, and the loop without a delay."""
+"""Predictor: against SciPy, against the later truth, and against the loop without delay."""
 
 import itertools
 
@@ -71,7 +71,7 @@ def send(predictor, state, t, force):
 
 
 def integrate(x, begin, end, changes, craft=CRAFT):
-    """SciPy's answer. changes: (time in s, (FX, FY)), from when on which force acts; none before."""
+    """Return SciPy's solution. changes: (time in s, (FX, FY)), the force from each time on; zero before the first."""
 
     def rate(t, v):
         force = next((f for when, f in reversed(changes) if when <= t), (0.0, 0.0))
@@ -90,7 +90,7 @@ def integrate(x, begin, end, changes, craft=CRAFT):
 
 @pytest.mark.thorough
 def test_prediction_integrates_the_craft_over_commands_in_transit():
-    """Commands each 20 ms, two of them never made: the force before is held; age and delay fit no grid."""
+    """Commands each 20 ms, two of them missing: the last force is held. Age and delay fit no period."""
     predictor, rng = direct(), np.random.default_rng(3)
     state, changes = first(predictor), []
     for k in range(30):
@@ -132,7 +132,7 @@ def test_prediction_is_valid_after_the_first_valid_estimate():
     state, ahead = predict(predictor, np.int64(0), first(predictor), estimate(0, 0.0, still, valid=False))
     assert not bool(ahead.valid)
     state, ahead = predict(predictor, np.int64(ms(1)), state, estimate(ms(1), 0.0, still))
-    assert not bool(ahead.valid), "what was predicted from nothing"
+    assert not bool(ahead.valid), "predicted without an estimate"
     _, ahead = predict(predictor, np.int64(ms(20)), state, estimate(ms(20), 0.0, still))
     assert bool(ahead.valid)
 
@@ -148,7 +148,7 @@ def test_older_measurement_or_long_gap_resets_the_predictor():
 
 
 def test_angle_innovation_is_wrapped():
-    """A heading that a sensor gives from 0 to a full turn jumps there; nothing was missed."""
+    """A heading measured in [0, 2 pi) jumps at a full turn; the innovation stays zero."""
     predictor = direct(uplink_delay=0.02, craft=Hovercraft())
     state = first(predictor)
     for k in range(6):
@@ -202,7 +202,7 @@ def test_rejects_incompatible_periods(change, part):
 
 @pytest.mark.thorough
 def test_prediction_equals_the_later_truth():
-    """Without noise, the vehicle as assumed: the state 40 ms later, over stops, tables, dead zone and brake."""
+    """Without noise or model error: the state 40 ms later, across stops, tables, dead zone and brake."""
     log = simulate(on("zero-velocity", {"duration": "6 s"}), seed=0, log_period=ms(20))
     assert log["actuators.brakings"][-1] > 0
     lead = 2  # rows of 20 ms: the chain's 40 ms
@@ -216,7 +216,7 @@ def test_prediction_equals_the_later_truth():
 
 @pytest.mark.thorough
 def test_prediction_error_reveals_a_brake_time_difference():
-    """The drive's own brake, put off by half a tick, is missed by its thrust: the test above can fail."""
+    """A brake that acts half a tick late gives a visible prediction error: the test above can fail."""
     scenario = on("zero-velocity", {"duration": "6 s"})
     log = simulate(with_brake(scenario, ms(140)), seed=0, log_period=ms(20))
     made, came = columns(log, "predictor.state")[:-2], columns(log, "truth")[2:]
@@ -233,7 +233,7 @@ def with_brake(scenario, brake):
 @pytest.mark.thorough
 @pytest.mark.parametrize("steps", [3, 18])
 def test_predicted_delayed_loop_equals_the_undelayed_loop_shifted(steps):
-    """Over 60 and 360 ms: from when the first command acts on it flies as if it had begun there, without a link."""
+    """For 60 and 360 ms: after the first command the flight equals one without a link from that state."""
     late = ms(20) * steps
 
     def flight(start, uplink, duration):
@@ -253,7 +253,7 @@ def test_predicted_delayed_loop_equals_the_undelayed_loop_shifted(steps):
 
 @pytest.mark.thorough
 def test_disarmed_supervisor_predicts_a_coasting_craft():
-    """Nobody arms: the fan stays still, whatever the law would want, and the craft coasts on as predicted."""
+    """Without arming the fan stays off, whatever the law demands, and the craft coasts as predicted."""
     scenario = on("forward", {"supervisor": "automatic", "initial.yaw_rate": "0.8", "initial.sway_velocity": "0.3"})
     supervisor = replace(scenario.autopilot.supervisor, automatic=False)
     scenario = add_pilot_sensor(replace(scenario, autopilot=replace(scenario.autopilot, supervisor=supervisor)))
@@ -265,7 +265,7 @@ def test_disarmed_supervisor_predicts_a_coasting_craft():
 
 @pytest.mark.thorough
 def test_innovation_is_measurement_minus_prediction():
-    """A vehicle heavier than assumed: measured minus what was predicted for the last command, carried on by SciPy."""
+    """With a heavier vehicle: the measurement minus the prediction of the last command, propagated by SciPy."""
     scenario = on("forward", {"world.vehicle.mass": "3.2", "initial.yaw_rate": "0.8", "duration": "4 s"})
     log = simulate(scenario, seed=0, log_period=ms(1))
     for k in range(1000, 4000, 340):

@@ -1,4 +1,4 @@
-"""References as they are typed: what each text means, what is refused, and how it comes into a scenario and a log."""
+"""References as texts: parsing, invalid texts, and their use in scenarios and logs."""
 
 import jax
 import numpy as np

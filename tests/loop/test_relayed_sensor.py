@@ -1,4 +1,4 @@
-"""A sensor behind a bus: every sample's way against slots counted here; and what is refused."""
+"""A sensor behind a bus: arrival times against slots counted here, and invalid configurations."""
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +28,7 @@ class Place:
 
 @record
 class Odometer:
-    """Gives its north each 37 ms. Source: this test."""
+    """Measures north each 37 ms. Source: this test."""
 
     period: int = period("How often.", default=ms(1))
 
@@ -50,7 +50,7 @@ BUS = SlaveBus(size=MESSAGE, queue=ms(60), capacity=64)
 
 
 def flown(sensor, n):
-    """Samples at n milliseconds of a body that moves north by 1 m/s."""
+    """Return the samples at n milliseconds of a body that moves north at 1 m/s."""
     sensor, zero = to_arrays(sensor), jnp.zeros(3)
 
     def at(s, k):

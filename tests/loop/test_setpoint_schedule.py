@@ -1,4 +1,4 @@
-"""Numbers of a law that change while it flies, in steps and in ramps."""
+"""Parameters of a law that change in flight, in steps and in ramps."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def test_schedule_values_accept_units():
 
 @pytest.mark.thorough
 def test_law_follows_the_scheduled_setpoint():
-    """Alone on the ideal model: the same as a run with the one value, then the other from where that ended."""
+    """On the ideal model: equal to a run with the first value, then to the analytical response to the second."""
     text = "steps(4 s: 1.3)"
     log = simulate(build("hovercraft/forward", {PATH: text}).ideal(), log_period=ms(10))
     whole = simulate(build("hovercraft/forward").ideal(), log_period=ms(10))

@@ -1,4 +1,4 @@
-"""Numbers with units after --set, and the three numbers of a link."""
+"""Values with units after --set, and the three parameters of a link."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A pilot's stick: written down beforehand, looked at, given to the law that asks for it, refused where it lacks."""
+"""A pilot's stick: scripts, samples, the law that reads it, and errors where it is missing."""
 
 import jax
 import numpy as np
@@ -30,7 +30,7 @@ def with_stick(scenario, script):
     [(0, None), (39, None), (40, (0.5, -0.25, 2)), (99, (0.5, -0.25, 2)), (100, (-1.0, 1.0, 0)), (900, (-1.0, 1.0, 0))],
 )
 def test_stick_holds_the_last_script_entry(t, held):
-    """Each look is a new sample of its own time, so that its age is that of the way; before the first it is none."""
+    """Each step gives a new sample with its own time; before the first entry the sample is invalid."""
     _, sample = SCRIPT.step(np.int64(ms(t)), (), None)
     assert (int(sample.t), float(sample.age)) == (ms(t), 0.0)
     assert (bool(sample.valid), bool(sample.fresh)) == (held is not None, held is not None)
@@ -81,7 +81,7 @@ def test_rejects_an_autopilot_without_its_stick():
 
 
 def test_stick_without_script_is_not_sent_over_the_link():
-    """Nobody moves it at the vehicle's end; a script does, and is carried. The autopilot has room for both."""
+    """A stick without a script is not sent over the link; a scripted one is. The autopilot's frame contains both."""
     console, script = load(stick="console"), load()
     assert (empty_sticks(console), empty_sticks(script)) == (("stick",), ())
     faulty = inject_faults(console, ["sensor:stick off @ 1 s"])
@@ -96,7 +96,7 @@ def test_stick_without_script_is_not_sent_over_the_link():
 
 @pytest.mark.thorough
 def test_law_follows_the_delayed_stick_and_replays_exactly():
-    """Over the radio: 36 ms late, aged so, fresh once a look; nothing of it is in the estimate that is logged."""
+    """Over the radio the stick is 36 ms old or more; the logged estimate does not contain it."""
     scenario = with_stick(load(), stick_script((0, 0.2, 0.3, "manual"), (ms(400), 0.6, 0.5, "damped")))
     log = simulate(scenario, duration=seconds(1))
     changed = np.flatnonzero(np.diff(log["law.mode"][100:]) != 0)[0] + 101

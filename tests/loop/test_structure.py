@@ -1,4 +1,4 @@
-"""Slips in a user's own law or vehicle, each answered with the file, the line and what to write."""
+"""Mistakes in a user's own law or vehicle, each reported with file, line and fix."""
 
 import pytest
 from findings.first_day_slips import SLIPS, answer

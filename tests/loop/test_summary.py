@@ -1,4 +1,4 @@
-"""What flies in a scenario, short enough to be read."""
+"""Short summaries of scenarios and parts."""
 
 import pickle
 

@@ -1,4 +1,4 @@
-"""Supervisor: every sequence of five inputs against a plain machine, each row of its page's table, and flights."""
+"""Supervisor: every sequence of five inputs against a reference state machine, its documentation, and flights."""
 
 import itertools
 
@@ -69,7 +69,7 @@ def test_limit_is_breached_on_both_sides_and_by_nan(place, speed, breached):
 
 
 def given(event, request=None):
-    """The input of an event; a request may come with any."""
+    """Return the input of an event; any event may come with a request."""
     place = {"outside": (3.1, 4.0), "nan": (np.nan, 0.0)}.get(event, (3.0, 3.9))
     belief = Belief(*map(np.float64, place), np.float64(2.5 if event == "fast" else 1.0), np.bool_(event == "sick"))
     estimate = Estimate(
@@ -103,7 +103,7 @@ many = jax.jit(jax.vmap(_scan, (None, 0)))
 
 
 class Plain:
-    """The page's table in plain words."""
+    """State machine written from the table on the documentation page."""
 
     def __init__(self):
         self.mode, self.cause, self.since, self.back, self.heard = "standby", "start", None, "standby", None
@@ -169,7 +169,7 @@ def _told(out, i):
 
 @pytest.fixture(scope="module")
 def sequences():
-    """Arming, then every sequence of four events, and one step more of each; and what comes of them."""
+    """Arming, then every sequence of four events and one more step, with the outputs."""
     tails = np.array(list(itertools.product(range(len(EVENTS)), repeat=4)))
     heads = np.full((len(tails), 1), EVENTS.index("arm"))
     all_of_them = np.concatenate([np.concatenate([heads, tails], 1), np.concatenate([tails, heads], 1)])
@@ -305,7 +305,7 @@ def test_automatic_arming_leaves_the_flight_unchanged(flight):
 
 @pytest.mark.thorough
 def test_flight_modes_follow_the_pilot_requests(flight):
-    """Nothing moves before arming, hold is neutral and valid, an end stays one until it is cleared."""
+    """No motion before arming; hold is neutral and valid; an end is latched until cleared."""
     asked = pilot_script(
         (ms(300), "arm"), (ms(1000), "hold"), (ms(1400), "end"), (ms(1600), "clear"), (ms(1700), "arm")
     )
@@ -362,7 +362,7 @@ def test_empty_pilot_script_gives_no_valid_sample():
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_compiled_step_runs_the_supervisor(flight):
-    """Requests go in, modes come out, sample by sample as in the simulation."""
+    """Modes match the simulation sample by sample for the same requests."""
     flight = _with(
         flight, Supervisor(neutral=NEUTRAL_COMMAND), {"pilot": pilot_script((ms(100), "arm"), (ms(300), "end"))}
     )

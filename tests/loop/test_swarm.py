@@ -1,4 +1,4 @@
-"""N parts side by side do what each does alone; what one knows of the others comes by radio."""
+"""N parts side by side behave like each one alone; craft communicate only by radio."""
 
 import jax
 import numpy as np

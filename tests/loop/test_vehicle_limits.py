@@ -1,4 +1,4 @@
-"""A vehicle's own limits: reached by --set, none by default, and nothing of them in a simulation."""
+"""A vehicle's own limits: set by --set, none by default, invalid values rejected."""
 
 import pytest
 

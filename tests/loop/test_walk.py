@@ -1,4 +1,4 @@
-"""The order of the loop at one instant, and what sampling, holding and delays do to a run: docs page, Time."""
+"""The order of the loop at one instant, and the effects of sampling, holding and delays: docs page, Time."""
 
 import jax
 import numpy as np
@@ -12,7 +12,7 @@ from trimtab.loop.walk import instant, logged_signals, pack_row, signals, start,
 
 
 def fly(world, autopilot, n=5, paths=(), every=1):
-    """Signals of n instants by path, each an array; `every`: how many instants a row of the log stands for."""
+    """Return the signals of n instants by path, each an array. every: instants per row of the log."""
     table = timetable([*world.periods(), autopilot.period], n * SECOND, world.max_step)
     count = len(table.t)
     rows = -(-count // every)
@@ -31,7 +31,7 @@ def fly(world, autopilot, n=5, paths=(), every=1):
 
 
 def test_measurement_acts_at_its_own_instant():
-    """v = 1 + x, held for a second: x doubles and one is added. A hidden delay anywhere would show."""
+    """v = 1 + x, held for a second, so x becomes 2 x + 1. Any hidden delay would change the numbers."""
     log, result = fly(cart_world(), cart_autopilot())
     np.testing.assert_allclose(log["truth.x"], [0, 1, 3, 7, 15], atol=1e-12)
     np.testing.assert_allclose(log["actuators.u.v"], [1, 2, 4, 8, 16], atol=1e-12)
@@ -86,7 +86,7 @@ def test_a_slow_sensor_holds_its_sample():
 
 
 def test_extra_integration_instants_leave_the_run_unchanged():
-    """Integration steps of 250 ms: the same run, four rows a second; of a held sample nothing is fresh."""
+    """With integration steps of 250 ms: the same run, four rows per second; held samples are not fresh."""
     fine, _ = fly(cart_world(max_step=ms(250)), cart_autopilot())
     np.testing.assert_allclose(fine["truth.x"], np.interp(np.arange(20) / 4, range(6), [0, 1, 3, 7, 15, 31]), atol=1e-9)
     np.testing.assert_array_equal(fine["sensors.ruler.fresh"], np.arange(20) % 4 == 0)
@@ -108,7 +108,7 @@ def test_log_columns_are_the_requested_paths():
 
 
 def test_single_instant_computes_frame_command_and_truth():
-    """The two messages: a frame of samples goes in, a command comes out, and the truth moves on last."""
+    """Frame in, command out, and the truth advances last."""
     world, autopilot = cart_world(), cart_autopilot()
     s, a = start(world, autopilot, Place(3.0), key(0))
     assert not bool(s.received["ruler"].valid)

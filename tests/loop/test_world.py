@@ -1,4 +1,4 @@
-"""The world alone: what is sampled, held, received and acted on, and what it refuses."""
+"""The world alone: sampling, holding, links, actuators, and invalid configurations."""
 
 from typing import Any
 
@@ -18,12 +18,12 @@ ALL = frozenset({SECOND})
 
 
 def command(t, v, valid=True):
-    """A command issued at t."""
+    """Return a command issued at t."""
     return Command(t=np.int64(t), valid=np.bool_(valid), value=Speed(np.float64(v)))
 
 
 def started(world, x=0.0):
-    """The world at rest, with its uplink."""
+    """Return the world's initial state, with its uplink."""
     return strengthen_types(world.connect(key(0), world.init(key(0), Place(np.float64(x))), command(0, 0.0)))
 
 
@@ -103,7 +103,7 @@ def test_recomputed_outputs_are_dropped_from_the_state():
 
 @record
 class Thermometer:
-    """Reads what no motion has. Source: this test."""
+    """Reads a field that no motion has. Source: this test."""
 
     period: int = period("Time between samples.", default=SECOND)
 
@@ -116,7 +116,7 @@ class Thermometer:
 
 @record
 class Torque:
-    """What the drive does not take. Source: this test."""
+    """A command that the drive does not accept. Source: this test."""
 
     torque: Any = quantity("N m", "About the axle.")
 

@@ -1,4 +1,4 @@
-"""Turbulence as a part of the world: who feels it, that it is logged, repeated and switched off like anything else."""
+"""Turbulence as a part of the world: effects, logging, repeatability, and switching off."""
 
 from typing import Any, ClassVar
 
@@ -39,14 +39,14 @@ STILL = replace(START, rate=np.zeros(3))
 
 @record
 class NoWrench:
-    """Nothing is wanted. Source: this test."""
+    """Empty demand. Source: this test."""
 
     demand: Wrench = part("None.")
 
 
 @record
 class Thrown:
-    """A law that leaves a body alone. Source: this test."""
+    """A law without control. Source: this test."""
 
     reads: ClassVar[tuple[str, ...]] = ()
 
@@ -117,7 +117,7 @@ def test_gusts_differ_per_seed_and_agree_across_backends():
 
 @pytest.mark.thorough
 def test_gusts_are_independent_of_sensor_periods():
-    """Its draws are its own: a sensor at another period makes other instants, and the same gusts at its own."""
+    """A sensor with another period adds other instants but does not change the gusts."""
     scenario = throw()
     sensors = {"navigation": PlanarNavigation(period=ms(7))}
     other = replace(scenario, world=replace(scenario.world, sensors=sensors))
@@ -137,7 +137,7 @@ def test_turbulence_is_added_by_a_setting():
 
 @pytest.mark.thorough
 def test_gust_gives_the_same_forces_as_wind():
-    """The same air, once as wind and once as a gust, gives the same forces."""
+    """The same air velocity gives the same forces as wind and as a gust."""
     air = np.array([4.0, -7.0, 0.0])
     x = STILL
     for vehicle, u, put in (
@@ -168,7 +168,7 @@ def test_rotating_gust_turns_a_body_only_with_aerodynamic_damping():
 
 @pytest.mark.thorough
 def test_hypersonic_forces_in_a_gust_are_galilean_invariant():
-    """Galilei: forces depend on the way through the air alone, lift and drag along its axes."""
+    """Forces depend only on the velocity relative to the air; lift and drag act along its axes."""
     craft, u = Hypersonic(g=0.0), HypersonicInput(0.3, 0.2)
     x = craft.level_state(85e3, 7700.0, 0.028, 0.2)
     up = 30.0  # ft/s
