@@ -49,7 +49,7 @@ def test_sign_switching_uses_the_full_bound_in_each_direction():
 @pytest.mark.thorough
 @pytest.mark.parametrize("sigma", [0.0, 0.5])
 def test_adaptive_bounds_follow_their_differential_equation(sigma):
-    """[1] eqs. 16-18, mended; scipy integrates the same with a fading error."""
+    """[1] eqs. 16-18, corrected; scipy integrates the same equations with a decaying error."""
     one = replace(ROBUST, switching="smooth", sigma=sigma, cap=1e3)
 
     def rates(t, rho):

@@ -1,4 +1,4 @@
-"""The law that wants the same input all the time."""
+"""The law with a constant demand."""
 
 import numpy as np
 import pytest

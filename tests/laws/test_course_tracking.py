@@ -1,4 +1,4 @@
-"""Feedforward beside feedback: by hand between nodes, past the ends, and flown along a non-minimum phase output."""
+"""Course tracking by feedforward and feedback: interpolation, ends, and flights along a non-minimum phase output."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_rejects_a_course_that_does_not_match_its_gain():
 
 @pytest.mark.thorough
 def test_course_feedforward_tracks_better_than_a_setpoint_change():
-    """Half a metre in 1.5 s, against a zero of +4.4 1/s, over 10 ms of delay, which are most of what is left."""
+    """Half a metre in 1.5 s with a zero at +4.4 1/s; the 10 ms of delay cause most of the remaining error."""
     flown = scenario()
     law = flown.autopilot.law
     wanted = None
@@ -67,7 +67,7 @@ def test_course_feedforward_tracks_better_than_a_setpoint_change():
 
 @pytest.mark.thorough
 def test_f16_climb_tracks_better_with_the_full_course():
-    """30 m in 4 s, a zero of +13.8 1/s, instruments without errors; surfaces lag, and the loop is 10 ms late."""
+    """30 m in 4 s, a zero at +13.8 1/s, instruments without errors, lagging surfaces, 10 ms of loop delay."""
     from examples import f16_climb
 
     flown = f16_climb.scenario()

@@ -1,4 +1,4 @@
-"""Depth and heading autopilots: signs, limits, and a depth that is reached without error in a vehicle that rises."""
+"""Depth and heading autopilots: signs, limits, and zero steady depth error of a buoyant vehicle."""
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +27,7 @@ def ask(law, *, depth=5.0, pitch=0.0, heading=0.0, u=1.76, q=0.0, r=0.0, steps=1
 
 
 def dive(law, seconds, torpedo=None):
-    """Rows of depth, heading, stern planes and reference."""
+    """Return rows of depth, heading, stern planes and reference."""
     torpedo, sensor = torpedo or Torpedo(), DiveSensor()
 
     @jax.jit

@@ -1,4 +1,4 @@
-"""A craft of a formation: its place, the leader's route, and a command of nothing but what it knows."""
+"""A craft of a formation: its place, the leader's route, and a decentralised command."""
 
 import jax
 import numpy as np
@@ -21,7 +21,7 @@ QUICK = replace(ALONE, separation=Separation(distance=0.5, speed=3.0))
 
 
 def view(own, stamps, points, velocities=None):
-    """An estimate out of a place (2,), and messages."""
+    """Return an estimate from a place (2,) and messages."""
     points = np.asarray(points, float)
     velocities = np.zeros_like(points) if velocities is None else np.asarray(velocities, float)
     state = PlanarPoseState(0.0, 0.0, 0.0, 0.0, *own)
@@ -33,7 +33,7 @@ def estimate(t, state):
 
 
 def follow(law, lead, lateness, seconds):
-    """Way from the point to its place over time, (n,), behind a leader at lead(t) -> place, velocity."""
+    """Return the distance to the place over time (n,), behind a leader at lead(t) -> place, velocity."""
     state, ways, step = law.init(None), [], jax.jit(law.step)
     for k in range(round(seconds / 0.02)):
         t = k * STEP
@@ -102,7 +102,7 @@ def test_leader_waits_for_all_messages_and_for_lagging_craft():
 
 @pytest.mark.thorough
 def test_command_depends_only_on_own_estimate_and_messages():
-    """The derivative of each one's demand by each one's estimate and messages: a block for each craft, else zeros."""
+    """The derivative of the demands by estimates and messages is block diagonal, one block per craft."""
     n, rng = 4, np.random.default_rng(5)
     law = Each(replace(ALONE, number=np.arange(n, dtype=np.int32)), n, ("number",))
     state = law.init(key(0))

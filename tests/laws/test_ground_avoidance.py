@@ -1,4 +1,4 @@
-"""Ground avoidance: its modes by a plain automaton in the test, its feedback by matrices, its gains by their design."""
+"""Ground avoidance: mode transitions, feedback by matrices, and gains by their design."""
 
 import jax
 import numpy as np
@@ -108,7 +108,7 @@ def test_integrals_accumulate_load_and_rate_errors():
 @pytest.mark.thorough
 @pytest.mark.parametrize(("weights", "law"), [("published", LAW), ("actuators", FOR_ACTUATORS)])
 def test_gains_match_the_lqr_design(weights, law):
-    """Trim, linear model and Riccati equation, from the vehicle: to the figures that the law has."""
+    """Trim, linear model and Riccati equation of the vehicle, to the digits of the law."""
     design = design_load_factor_control(weights)
     np.testing.assert_allclose(law.control.longitudinal, -design.along.K[0], atol=1e-7)
     np.testing.assert_allclose(law.control.lateral, -design.aside.K, atol=1e-7)

@@ -23,7 +23,7 @@ def eps(reference):
 
 
 def step(law, mode, reference, e, r=0.0, v=0.0, valid=True, switches=5):
-    """One step at heading error e, yaw rate r and sway velocity v, from the given state."""
+    """Return one step at heading error e, yaw rate r and sway velocity v, from the given state."""
     before = HeadingLawState(np.int32(mode), np.int32(switches), np.float64(reference))
     estimate = Estimate(t=0, age=0.0, fresh=True, valid=valid, state=PlanarState(0.0, v, r, law.target + e))
     after, output = law.step(0, before, estimate)
@@ -35,13 +35,13 @@ def step(law, mode, reference, e, r=0.0, v=0.0, valid=True, switches=5):
 
 
 def demands(law, mode, reference, estimate):
-    """The force that the mode's own law asks for."""
+    """Return the force demanded by the law of the mode."""
     part = law.damping if mode == DAMP else replace(law.turning, reference=reference)
     return part.step(0, (), estimate)[1]
 
 
 def asked(law, e):
-    """Reference at the start of a turn."""
+    """Return the reference at the start of a turn."""
     if isinstance(law, HeadingBangBang):
         return -np.sign(e) * law.turn_rate
     return -np.sign(e) * (max(0.8, law.k * abs(e)) if law.form == "floored" else law.k * abs(e))
@@ -161,7 +161,7 @@ def random_starts(starts):
 def test_ideal_bang_bang_chatters_at_the_tolerance(sampled, starts):
     """Ideal, [1] figure 6.12: |e| in 0.012 to 0.02 rad.
 
-    And the extremes to 1 %; they are peaks at switches, 1 % larger where logged each 5 ms instead of 10.
+    Extremes within 1 %; they are peaks at switches, 1 % larger if logged each 5 ms instead of 10.
     """
     x, o = sampled(HeadingBangBang(target=1.0, turn_rate=1.5), starts(0.0, 0.0, 0.0), 30.0, every=10)
     assert 0.012 < abs(float(o.heading_error[0, -1])) < 0.02
@@ -187,7 +187,7 @@ def test_ideal_literal_freezes_at_the_bad_limit_point(sampled, starts):
 
 @pytest.mark.thorough
 def test_ideal_literal_freezes_from_most_random_starts(sampled, random_starts):
-    """At 60 s most runs turn no more, far from the target (tests/oracles/hovercraft.py: 97 %, median 16 degrees)."""
+    """At 60 s most runs have stopped far from the target (tests/oracles/hovercraft.py: 97 %, median 16 degrees)."""
     x, o = sampled(HeadingProportional(form="literal"), random_starts, 60.0, every=10)
     late = np.abs(np.asarray(o.heading_error))[:, 5000:]
     frozen = (np.abs(np.asarray(x.yaw_rate))[:, 5000:].max(1) < 0.05) & (late.min(1) > 2 * TOL)
@@ -215,7 +215,7 @@ def test_default_forms_hold_the_heading(law, sampled, random_starts):
 
 @pytest.mark.thorough
 def test_fast_bang_bang_can_oscillate_forever(sampled, random_starts):
-    """What the docstring warns of: at 3 rad/s a third of the starts that settle at 1 rad/s pass 90 degrees for good."""
+    """Known from the docstring: at 3 rad/s a third of the starts that settle at 1 rad/s keep passing 90 degrees."""
     _, o = sampled(HeadingBangBang(turn_rate=3.0), random_starts, 60.0, every=10)
     swings = np.abs(np.asarray(o.heading_error))[:, 5000:].max(1) > np.pi / 2
     assert 20 <= swings.sum() <= 50

@@ -1,4 +1,4 @@
-"""Internal states from a few seconds' preview, against the bounded solution that knows everything.
+"""Internal states from a few seconds of preview, against the bounded solution of the whole command.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -31,7 +31,7 @@ def default():
 
 @pytest.mark.thorough
 def test_four_second_preview_matches_the_bounded_solution(default):
-    """Large climb, 5 ms: largest differences in scales, over all of it and the step too; all below 4e-6."""
+    """Large climb, 5 ms: largest scaled differences over the whole climb with its step, all below 4e-6."""
     state, zeta = default
     assert bool(state.found)
     got = miss(zeta, noncausal()[1].solution.zeta)
@@ -47,7 +47,7 @@ def test_internal_state_moves_before_the_command(default):
 
 @pytest.mark.thorough
 def test_horizon_error_decays_at_the_unstable_mode_rate():
-    """What is wrong at its end comes back times e^(-3.289 H): 1 s more is 27 times less, until other errors show."""
+    """The end error falls by e^(-3.289 H), 27 times per second of horizon, until other errors dominate."""
     one, two = (
         miss(run(form(horizon=h, intervals=n), every=4)[1], noncausal()[1].solution.zeta, 4)[0]
         for h, n in ((1.0, 20), (2.0, 40))
@@ -57,7 +57,7 @@ def test_horizon_error_decays_at_the_unstable_mode_rate():
 
 
 def test_weights_integrate_a_ramp_exactly():
-    """Against scipy's matrix exponential; nothing for no time."""
+    """Against scipy's matrix exponential; zero for a step of zero."""
     poles = np.array([-3.0 + 0j, -0.34 + 18.5j])
     o = np.zeros((2, 2, 2))
     modes = FadingModes(poles.real, poles.imag, o, o)

@@ -20,7 +20,7 @@ FORM = to_arrays(QuasiStaticInternal(CRAFT))
 
 
 def moment(alpha, p):
-    """M over qbar S c (1) with elevator and thrust from the two accelerations, written out in plain numbers."""
+    """Return M over qbar S c (1) with elevator and thrust from the two accelerations, in plain numbers."""
     sine = p.h_rate / p.V
     cosine = math.sqrt(1 - sine**2)
     qS = 6.7429e-5 * math.exp(-(p.h - 85000) / 21358) * p.V**2 / 2 * 17
@@ -58,7 +58,7 @@ def test_quasi_static_state_matches_an_independent_root_search():
 
 @pytest.mark.thorough
 def test_quasi_static_error_to_the_bounded_solution_is_small():
-    """Large climb, largest differences in scales: 1.6e-4 in alpha, 3.3e-2 in Q, which it takes for gamma'."""
+    """Large climb, largest scaled differences: 1.6e-4 in alpha, 3.3e-2 in Q, which it approximates by gamma'."""
     _, zeta = run(FORM)
     got = miss(zeta, noncausal()[1].solution.zeta)
     assert (got < [1.7e-4, 3.4e-2, 2.1e-5, 5.7e-4, 3.1e-5, 7.3e-4]).all()
@@ -67,7 +67,7 @@ def test_quasi_static_error_to_the_bounded_solution_is_small():
 
 @pytest.mark.thorough
 def test_root_search_starts_from_the_previous_solution():
-    """Two Newton steps each time are enough once it has begun, from anywhere; not found yet at the first."""
+    """Two Newton steps per call are enough after the first calls, from any start; the first call has no root yet."""
     right = run(FORM, every=10)[1]
     for alpha in (0.1, -0.1):
         first = replace(FORM, steps=2, alpha=alpha)
@@ -79,7 +79,7 @@ def test_root_search_starts_from_the_previous_solution():
 
 @pytest.mark.thorough
 def test_unsolvable_climb_is_flagged_and_stays_finite():
-    """A fall faster than the vehicle, hardly any air; a command that is not a number leaves the angle where it was."""
+    """A fall faster than the vehicle, and hardly any air; a NaN command keeps the previous angle."""
     for climb in (FilteredClimb(dh=-1e6, wh=3.0), FilteredClimb(V0=1000.0), FilteredClimb(h0=400e3)):
         state, zeta = FORM.step(6.0, FORM.init(None), climb)
         assert not bool(state.found)

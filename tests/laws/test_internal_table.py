@@ -1,4 +1,4 @@
-"""Wanted internal states by time, from a table: interpolation, its ends, what is refused, its C."""
+"""Internal states by time, from a table: interpolation, ends, invalid tables, and C code."""
 
 import jax
 import numpy as np

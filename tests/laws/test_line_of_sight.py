@@ -1,4 +1,4 @@
-"""Line of sight: the guidance against its publication's own differential equations, and a path that is followed."""
+"""Line of sight: the guidance against the published differential equations, and path following."""
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ DT = 0.05
 
 
 def eastward(length):
-    """Straight east at half a metre a second."""
+    """Return a straight path to the east at 0.5 m/s."""
     t = np.linspace(0.0, 2 * length, 8)
     return interpolate_path(t, np.stack([np.zeros(8), t / 2], axis=1))
 
@@ -26,7 +26,7 @@ EAST = eastward(200.0)
 
 
 def sail(law, seconds, *, speed=0.58, current=(0.0, 0.0), start=(0.0, 0.0), valid=True):
-    """A vessel whose heading is what was asked, at once, in a current: rows of north, east and what the law says."""
+    """Return rows of north, east and outputs of a vessel in a current whose heading follows at once."""
 
     @jax.jit
     def step(state, north, east, heading):
@@ -91,7 +91,7 @@ def test_vessel_continues_straight_beyond_the_path_end():
 
 @pytest.mark.thorough
 def test_circle_is_tracked_within_the_geometric_error():
-    """A point D ahead on a bend of radius R lies D²/(2 R) off its tangent; the chord about it has that in it."""
+    """A point D ahead on a circle of radius R lies D²/(2 R) off the tangent, which bounds the tracking error."""
     law = replace(LineOfSight(), reference=Circle(radius=8.0, period=87.0, ease=0.0), integral_gain=0.0)
     rows = sail(law, 200, start=(8.0, 0.0))
     radius = np.hypot(rows[1000:, 0], rows[1000:, 1])

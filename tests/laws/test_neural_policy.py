@@ -1,4 +1,4 @@
-"""A network in the place of a law: what it sees, how it is evaluated, what it refuses, and how far it carries."""
+"""A neural network as a law: observation, evaluation, invalid networks, and its range of validity."""
 
 import json
 import subprocess
@@ -28,7 +28,7 @@ def quaternion_of(rotation: Rotation) -> np.ndarray:
 
 
 def draw_state(rng, size: float) -> tuple[SpatialPoint, MultirotorState]:
-    """A wanted point, and a state near it: within `size` of what the policy was trained on."""
+    """Return a reference point and a random state near it, within `size` of the training range."""
     place = rng.normal(size=3) * 20
     wanted = SpatialPoint(
         place,
@@ -80,7 +80,7 @@ def test_observation_is_invariant_to_translation_and_yaw():
 
 @pytest.mark.thorough
 def test_policy_matches_its_teacher_near_the_reference():
-    """Within some tenths of what it was trained on: thrust to a thirtieth of the teacher's, moments to a seventh."""
+    """Within 0.3 of the training range: thrust to 3 % and moments to 15 % of the teacher's."""
     rng, teacher, policy = np.random.default_rng(2), GeometricTracking(craft=CRAFT), NeuralPolicy(craft=CRAFT)
     errors, sizes = [], []
     for _ in range(60):
@@ -118,7 +118,7 @@ def test_policy_tracks_a_path_over_the_radio(trajectory):
 @pytest.mark.thorough
 @pytest.mark.parametrize(("half_tilt", "returns"), [(0.52, True), (0.79, False)])
 def test_policy_recovers_from_60_but_not_90_degrees_tilt(half_tilt, returns):
-    """What it was shown ends at 1.2 rad about each axis; what its teacher does beyond, it doesn't know."""
+    """The training data ends at 1.2 rad about each axis."""
     start = f"[{np.cos(half_tilt):.6f},{np.sin(half_tilt):.6f},0,0]"
     settings = {"law": "neural", "trajectory": "place", "initial.attitude": start}
     log = simulate(build("quadrotor/track", settings), seed=0)
@@ -126,7 +126,7 @@ def test_policy_recovers_from_60_but_not_90_degrees_tilt(half_tilt, returns):
 
 
 def change(name):
-    """A file's content with one thing wrong."""
+    """Return a network file's content with one fault."""
     file = json.loads((Path(trimtab.__file__).parent / "laws" / "policy_quadrotor.json").read_text())
     if name == "a layer that doesn't follow":
         file["layers"][1]["weights"] = [row[:-1] for row in file["layers"][1]["weights"]]

@@ -1,4 +1,4 @@
-"""What is refused before a path law flies, whatever form its internal motion has."""
+"""Commands rejected before a path law flies, for each form of internal motion."""
 
 import pytest
 

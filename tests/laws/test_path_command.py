@@ -1,4 +1,4 @@
-"""Command filters: their closed forms against scipy's step responses, continuity, what is refused.
+"""Command filters: closed forms against scipy's step responses, continuity, invalid values.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -15,7 +15,7 @@ CLIMB = FilteredClimb(dh=5000.0, dV=1000.0, wh=0.06, wV=0.09, start=5.0)
 
 
 def response(w, order, derivative, t):
-    """d^k/dt^k of the unit step through w^n/(s + w)^n, by scipy's simulation."""
+    """Return d^k/dt^k of the unit step through w^n/(s + w)^n, by scipy's simulation."""
     system = (w**order * np.eye(1, derivative + 1)[0], np.poly([-w] * order))
     return signal.step(system, T=t)[1]
 
@@ -53,7 +53,7 @@ def test_each_field_is_the_derivative_of_the_previous():
 
 
 def test_command_derivatives_are_continuous_at_the_step():
-    """Oracle, climb: h'' and V' are continuous at the step; h''' starts at once, yet from zero too."""
+    """Oracle, climb: h'' and V' are continuous at the step; h''' starts from zero too."""
     t = 5.0 + np.array([-1e-6, 1e-6])
     p = CLIMB.at(t)
     for name in ("h", "h_rate", "h_acceleration", "h_jerk", "V", "V_rate"):

@@ -1,4 +1,4 @@
-"""Inverse dynamics of a path, flown through the equations of motion; and what is refused, with what would do."""
+"""Inverse dynamics of a path, checked by the equations of motion; infeasible paths and suggested fixes."""
 
 import re
 
@@ -30,7 +30,7 @@ PATHS = {
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", PATHS)
 def test_open_loop_forces_follow_the_path(name):
-    """Open loop, from the state that the path asks for at its begin: nothing corrects a force that is wrong."""
+    """Open loop, from the initial state of the path: no feedback corrects a wrong force."""
     path, plant = PATHS[name]
     motion = path_motion(path, plant, 20.0)
     k, seconds = 200, 12.0  # away from the ends, where slopes are taken one-sided
@@ -93,7 +93,7 @@ def test_rejects_infeasible_paths_with_time_and_fix(name):
 
 @pytest.mark.thorough
 def test_suggested_fix_is_feasible_and_near_the_limit():
-    """And hardly slower than it has to be."""
+    """The suggested period is within 5 % of the shortest feasible one."""
     path = Circle(radius=1.5, period=8.0)
     with pytest.raises(InputError) as refused:
         refuse_infeasible(path, PLANT, LIMITS, 40.0)

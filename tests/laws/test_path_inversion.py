@@ -1,4 +1,4 @@
-"""Fuel ratio and elevator for wanted accelerations: exact against the vehicle, and what happens where there are none.
+"""Fuel ratio and elevator for wanted accelerations: exact against the vehicle, and unreachable accelerations.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -29,7 +29,7 @@ GRID = np.meshgrid(
 
 
 def achieved(h, h_rate, V, alpha, u, q=0.0):
-    """(h'', V') of the vehicle itself."""
+    """Return (h'', V') of the vehicle itself."""
     theta = alpha + np.arcsin(h_rate / V)
     o = np.zeros(np.shape(h))
     rate = CRAFT.dynamics(0.0, HypersonicState(h, V, alpha, theta, q + o, o, o, o, o), u)
@@ -70,7 +70,7 @@ def test_elevator_matches_the_bisection_root_near_level_flight():
 
 
 def test_inversion_is_accurate_near_zero_angle_of_attack():
-    """tan 0 = 0: no digits lost on the way there."""
+    """Near alpha = 0 the quadratic becomes linear, without loss of digits."""
     alphas = np.array([0.0, 1e-16, 1e-12, 1e-8, 1e-5])
     o = np.zeros(5)
     found = invert_path(CRAFT, 85000.0 + o, o, 7700.0 + o, alphas, 1.0 + o, 0.5 + o)
@@ -88,9 +88,9 @@ def test_slope_is_the_derivative_of_the_normal_force():
 
 
 def test_unreachable_acceleration_is_flagged_and_stays_finite():
-    """With a negative angle of attack drag turns the force back: the nearest elevator, where the slope vanishes.
+    """At a negative angle of attack the force has a maximum: the nearest elevator, at zero slope, is returned.
 
-    A formula that only put zero for the root of what is negative gave 9.5 rad here instead of 1.5 rad.
+    A formula that replaced the root of a negative number by zero gave 9.5 rad here instead of 1.5 rad.
     """
     found = invert_path(CRAFT, 85000.0, 0.0, 7700.0, -0.3, 200.0, 0.0)
     assert not bool(found.solvable)

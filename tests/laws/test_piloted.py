@@ -1,4 +1,4 @@
-"""The pilot's law: what its docstring proves, by equations written out again; how it tracks, in flights."""
+"""The pilot's law: the claims of its docstring by independent equations, and tracking in flights."""
 
 from functools import cache
 
@@ -30,7 +30,7 @@ def sample(forward, turn, mode, age=0.0, *, valid=True):
 
 
 def under_way(mode, **changes):
-    """The state of a law that was asked at this very instant: nothing ramps in a step from here."""
+    """Return the state of a law that has just been stepped at this instant, so that references do not ramp."""
     held = PilotedState(
         t=np.int64(NOW),
         mode=np.int32(mode),
@@ -50,7 +50,7 @@ def ask(law, state, x, stick, t=NOW):
 
 
 def rates(x, force):
-    """u', v', r', heading' of the vehicle, written out again."""
+    """Return u', v', r', heading' of the vehicle, from independent equations."""
     u, v, r, _ = x
     return jnp.stack([v * r + force.FX / M, -u * r + force.FY / M, -D * force.FY / J, r])
 
@@ -77,7 +77,7 @@ def test_damped_turns_have_a_linear_yaw_rate(rate):
 
 
 def steering(speed, k2=2.5):
-    """Jacobian of (v', r') in (v, r), turn let go, at a surge held; by differentiation of law and vehicle."""
+    """Return the Jacobian of (v', r') in (v, r) at constant surge, without turn input."""
     state = under_way(DAMPED, speed=np.float64(speed))
 
     def rate(y):
@@ -143,7 +143,7 @@ def test_velocity_error_never_grows_at_constant_course_and_speed(speed, backing)
 @pytest.mark.parametrize("backing", [False, True])
 @pytest.mark.parametrize("speed", [0.0, 0.6])
 def test_velocity_error_does_not_persist_at_the_wanted_heading(speed, backing):
-    """For 400 errors of 0.03 to 0.4 m/s: n.e of the size of e^2 at least, so that no E' is zero but near e = 0."""
+    """For 400 errors of 0.03 to 0.4 m/s, n.e is at least of order e^2, so E' is zero only at e = 0."""
     draws = np.random.default_rng(3)
     state = under_way(ASSISTED, speed=np.float64(speed), course=np.float64(0.7), backing=np.bool_(backing))
     e, angle = draws.uniform(0.03, 0.4, 400), draws.uniform(-np.pi, np.pi, 400)
@@ -168,7 +168,7 @@ def test_velocity_error_does_not_persist_at_the_wanted_heading(speed, backing):
 
 
 def test_assisted_heading_loop_is_linear():
-    """r' = kr (r_d - r), with r_d from where the nose is wanted, 1e-9, while FY is not limited."""
+    """r' = kr (r_d - r), with r_d from the wanted heading, 1e-9, while FY is not limited."""
     state = under_way(ASSISTED, speed=np.float64(0.5), rate=np.float64(0.2))
     found = jax.vmap(lambda x: ask(LAW, state, x, sample(0.5 / 0.8, 0.2 / 0.6, ASSISTED))[1])(STATES)
     r, psi = STATES[:, 2], STATES[:, 3]
@@ -215,7 +215,7 @@ def test_stick_input_is_clipped_to_full_deflection():
 
 
 def test_references_start_at_the_current_vehicle_state():
-    """After a pause, with another mode, at the first step: no jump; within 100 ms they go on."""
+    """References restart after a pause, a mode change and at the first step; within 100 ms they continue."""
     x, push = np.array([0.3, 0.4, 0.5, 1.0]), {"forward": 1.0, "turn": 0.0}
     stale = under_way(ASSISTED, speed=np.float64(0.8), course=np.float64(-2.0), rate=np.float64(0.3))
     _, goes_on = ask(LAW, stale, x, sample(**push, mode=ASSISTED), NOW + ms(100))
@@ -249,7 +249,7 @@ def test_references_are_ramped_and_wait_for_a_lagging_vehicle():
 
 @cache
 def flown(*entries, duration=30, ideal=True, without=(), faults=(), seeds=1):
-    """Logs of stick entries (s, forward, turn, mode), three of them, so that one compiled loop flies them all."""
+    """Return logs of stick entries (s, forward, turn, mode), always three, so that one compiled loop flies all."""
     scenario, _ = catalogue.load_scenario("hovercraft/pilot")
     script = stick_script(*((seconds(t), f, w, mode) for t, f, w, mode in entries))
     scenario = replace(
@@ -264,7 +264,7 @@ def flown(*entries, duration=30, ideal=True, without=(), faults=(), seeds=1):
 
 
 def motion(log):
-    """Speed and course (unwrapped) of the point that assisted steers, the nose against it, and the yaw rate."""
+    """Return speed and unwrapped course of the assisted point, the heading relative to it, and the yaw rate."""
     u, v, r, psi = (log[f"truth.{n}"] for n in ("surge_velocity", "sway_velocity", "yaw_rate", "heading"))
     north = u * np.cos(psi) - (v + A * r) * np.sin(psi)
     east = u * np.sin(psi) + (v + A * r) * np.cos(psi)
@@ -274,7 +274,7 @@ def motion(log):
 
 @pytest.mark.thorough
 def test_damped_tracks_surge_and_yaw_rate():
-    """Ideal: ahead at 0.6 m/s, then a spin on the spot at 0.9 rad/s, to 0.02 m/s and 1e-3 rad/s; sway is gone."""
+    """Ideal: ahead at 0.6 m/s, then a spin on the spot at 0.9 rad/s, to 0.02 m/s and 1e-3 rad/s, without sway."""
     (log,) = flown((0, 0.75, 0.0, "damped"), (12, 0.0, 0.0, "damped"), (18, 0.0, 0.6, "damped"))
     ahead, spin = log.between(10, 12), log.between(26, 30)
     assert np.abs(ahead["truth.surge_velocity"] - 0.6).max() < 0.02
@@ -286,7 +286,7 @@ def test_damped_tracks_surge_and_yaw_rate():
 
 @pytest.mark.thorough
 def test_long_damped_turn_ends_with_nose_toward_the_centre():
-    """u -> 0 and v -> -k1 u_r/(m r_r), 1 %, with the yaw rate held: physics, not a choice."""
+    """u -> 0 and v -> -k1 u_r/(m r_r), 1 %, at constant yaw rate: a property of the vehicle, not of the law."""
     (log,) = flown((0, 0.5, 0.0, "damped"), (3, 0.5, 0.4, "damped"), (29, 0.5, 0.4, "damped"))
     end = log.between(25, 30)
     assert np.abs(end["truth.yaw_rate"] - 0.6).max() < 1e-3
@@ -310,7 +310,7 @@ def test_assisted_turn_holds_speed_and_course_rate(turn):
 @pytest.mark.thorough
 @pytest.mark.parametrize("turn", [-0.6, 0.6])
 def test_assisted_turn_over_the_radio_holds_speed_and_course_rate(turn):
-    """Delays of 76 ms, rudder and fan with their limits, sensors exact: 0.05 m/s and 0.02 rad/s about the same."""
+    """Delays of 76 ms, rudder and fan with their limits, exact sensors: the same to 0.05 m/s and 0.02 rad/s."""
     script = (0, 0.75, 0.0, "assisted"), (6, 0.75, turn, "assisted"), (29, 0.75, turn, "assisted")
     (log,) = flown(*script, ideal=False, without=("navigation-error",))
     speed, course, _, _ = motion(log)
@@ -321,7 +321,7 @@ def test_assisted_turn_over_the_radio_holds_speed_and_course_rate(turn):
 
 
 def test_assisted_stops_and_remains_at_rest():
-    """Out of a turn: 0.04 m/s eight seconds on, of which the dead zone and the slow turn of the nose leave most."""
+    """From a turn: below 0.04 m/s after eight seconds; dead zone and slow turning cause most of the rest."""
     (log,) = flown((0, 0.75, 0.0, "assisted"), (6, 0.75, 0.6, "assisted"), (14, 0.0, 0.0, "assisted"))
     speed, *_ = motion(log)
     assert speed[log.t > 22].max() < 0.04
@@ -330,7 +330,7 @@ def test_assisted_stops_and_remains_at_rest():
 
 @pytest.mark.thorough
 def test_lost_stick_brings_the_craft_to_rest():
-    """The stick falls silent at 8 s: lost 0.3 s after its last sample came, and the craft comes to rest by itself."""
+    """No stick data from 8 s on: lost 0.3 s after the last sample; the craft then comes to rest."""
     script = (0, 0.75, 0.0, "assisted"), (29, 0.75, 0.0, "assisted"), (29.5, 0.75, 0.0, "assisted")
     (log,) = flown(*script, faults=("sensor:stick off @ 8 s",))
     lost = log["law.stick_lost"].astype(bool)
@@ -345,7 +345,7 @@ def test_lost_stick_brings_the_craft_to_rest():
 
 @pytest.mark.thorough
 def test_c_and_jax_backends_agree():
-    """JAX and C: 8 s in all three modes, to 1e-9 of each signal's size."""
+    """8 s in all three modes, to 1e-9 of each signal's size."""
     scenario, _ = catalogue.load_scenario("hovercraft/pilot")
     script = stick_script(
         (0, 0.5, 0.0, "damped"), (seconds(2), 0.75, 0.5, "assisted"), (seconds(6), -0.5, 0.3, "manual")

@@ -16,7 +16,7 @@ A = 0.096 / (2.6 * 0.32)
 
 
 def percussion_point(x):
-    """Place and velocity of P in W."""
+    """Return place and velocity of P in W."""
     c, s = np.cos(x.heading), np.sin(x.heading)
     side = x.sway_velocity + A * x.yaw_rate
     place = np.array([x.north + A * c, x.east + A * s])
@@ -34,7 +34,7 @@ def take_step(law, t, state, estimate):
 
 
 def at(way, v=(0.0, 0.0), heading=0.0, r=0.0, law=LAW):
-    """A state whose P has this way (W) to go to rest at the law's goal, and this velocity (W)."""
+    """Return a state whose P has this distance (W) to the law's goal, and this velocity (W)."""
     c, s = np.cos(heading), np.sin(heading)
     rest = np.array([law.north, law.east]) + A * np.array([np.cos(law.heading), np.sin(law.heading)])
     place = rest - np.asarray(way) - A * np.array([c, s])
@@ -115,7 +115,7 @@ def within(x, metres, radians):
 
 
 def check_runs(sampled, n, seed):
-    """Within 5 cm and 3 degrees after 45 s, for the minute that follows; and there it comes to rest."""
+    """Check 5 cm and 3 degrees after 45 s for one minute, and rest at the end."""
     x, output = sampled(LAW, random_starts(n, seed), 105)
     assert within(x, 0.05, np.radians(3))[:, 4500:].all()
     assert within(x, 1e-3, np.radians(0.2))[:, -1].all()
@@ -134,7 +134,7 @@ def test_comes_to_rest_at_the_goal_from_1000_starts(sampled):
 
 
 def test_swing_removes_the_lateral_offset(sampled):
-    """Without it nothing would: across the nose there is no force, at rest."""
+    """Without the swing the offset stays: at rest there is no force across the nose."""
     start = HovercraftState(*(np.array([v]) for v in (0.0, 0.0, 0.0, 0.0, 0.009, 0.0)))
     for law, is_there in ((LAW, True), (replace(LAW, swing=1e-9), False)):
         x, _ = sampled(law, start, 40)

@@ -1,4 +1,4 @@
-"""The six steps: every transition, and ideal runs that go round and round. [1] Z. Kulis 2006, section 2.3.1."""
+"""The six steps: every transition, and ideal runs that repeat rounds. [1] Z. Kulis 2006, section 2.3.1."""
 
 import jax
 import numpy as np
@@ -79,7 +79,7 @@ def test_each_mode_uses_its_own_law():
 
 @pytest.mark.thorough
 def test_comes_near_the_goal_but_repeats_rounds_forever(sampled):
-    """20 starts at rest: all come near, none stays, as braking alone lets the heading drift."""
+    """20 starts at rest: all come near and none stays, because the heading drifts during braking."""
     rng = np.random.default_rng(5)
     zero = np.zeros(20)
     start = HovercraftState(zero, zero, zero, *rng.uniform(-4, 4, (2, 20)), rng.uniform(-np.pi, np.pi, 20))

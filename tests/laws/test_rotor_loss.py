@@ -1,4 +1,4 @@
-"""The law for a lost rotor: when it finds one, what it asks for then, and that it is the other law before."""
+"""The law for a lost rotor: detection, demand after the loss, and the nominal law before."""
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ TURNS = np.full(4, 365.0)
 
 
 def run(law, speeds, x=None, dt=0.005):
-    """Outputs and last state of a law that sees these speeds one after the other."""
+    """Return outputs and last state of a law that measures these rotor speeds in turn."""
     x = CRAFT.hover(PLACE) if x is None else x
     state, outputs = law.init(key(0)), []
     step = jax.jit(law.step)
@@ -122,7 +122,7 @@ def test_spin_axis_follows_second_order_dynamics_of_its_gains():
 @pytest.mark.thorough("1", "2", "3")
 @pytest.mark.parametrize("rotor", range(4))
 def test_inverted_axis_is_repelled_from_its_mirror_image(rotor):
-    """Where d is that image, d - axis has neither x nor y; all around, d'' points away from there."""
+    """At the image d - axis has no x or y component; around it, d'' points away."""
     law, lost = replace(LAW, prediction_time=0.0), np.arange(4) == rotor
     mirror = np.asarray(law.axes)[rotor] * [1, 1, -1]
     for angle in np.arange(8) * np.pi / 4:

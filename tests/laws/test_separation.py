@@ -1,4 +1,4 @@
-"""The barrier keeps points apart whatever messages are late, lost or silent, and whatever velocity is wanted."""
+"""The barrier keeps points apart for late, lost and missing messages, and for any wanted velocity."""
 
 import jax
 import numpy as np
@@ -13,14 +13,14 @@ BARRIER = Separation(distance=1.0, rate=2.0, speed=0.5)
 
 
 def peers(stamps, points):
-    """Messages: where each was, at the time stamped; speeds are not read."""
+    """Return messages with the position of each at its time stamp; speeds are not read."""
     points = np.asarray(points, float)
     return Peers((np.asarray(stamps, np.int64), points[:, 0], points[:, 1], *np.zeros((2, len(points)))))
 
 
 @jax.jit
 def limit_all(barrier, t, q, wanted, stamps, said):
-    """Of n craft at once; stamps (receiver, sender), said (receiver, sender, 2)."""
+    """Limit n craft at once; stamps (receiver, sender), said (receiver, sender, 2)."""
 
     def one(number, q, wanted, stamps, said):
         zeros = np.zeros(said.shape[0])
@@ -35,7 +35,7 @@ def nearest_pair(q):
 
 
 def random_start(rng, n, distance):
-    """Points at least `distance` apart, in a room that is not much larger than it must be."""
+    """Return random points at least `distance` apart in a small room."""
     points = [rng.uniform(-2, 2, 2)]
     while len(points) < n:
         p = rng.uniform(-2, 2, 2)
@@ -45,10 +45,10 @@ def random_start(rng, n, distance):
 
 
 def fly(seed, n=6, steps=300, barrier=BARRIER):
-    """Points that chase one another, over channels of random loss and delay; gives the least distance and the way gone.
+    """Simulate points that chase each other over lossy, delayed channels; return least distance and way travelled.
 
-    A dumb channel: each message of each pair has its own delay, a quarter of the pairs are silent half of the time, and
-    a message that comes is the newest or not, as it likes; receivers keep the newest.
+    In this channel each message has its own delay, and a quarter of the pairs are silent half of the time.
+    Messages may arrive out of order; receivers keep the newest.
     """
     rng = np.random.default_rng(seed)
     q = random_start(rng, n, barrier.distance)
@@ -78,7 +78,7 @@ def fly(seed, n=6, steps=300, barrier=BARRIER):
 def test_chasing_points_keep_the_minimum_distance(seed):
     nearest, way = fly(seed)
     assert nearest >= BARRIER.distance - 1e-9
-    assert way > 0.2, "nobody moved: that proves nothing"
+    assert way > 0.2, "no motion: the test is void"
 
 
 @pytest.mark.thorough
@@ -90,7 +90,7 @@ def test_minimum_distance_holds_from_300_random_starts():
 
 
 def test_barrier_condition_holds_for_every_possible_neighbour_position():
-    """The proof's inequality, e.u >= -(a/2) h, for 200 places in the disc of radius V age, of random situations."""
+    """The inequality of the proof, e.u >= -(a/2) h, at 200 places in the disc of radius V age, at random."""
     rng = np.random.default_rng(3)
     tight, limit = 0, jax.jit(BARRIER.limit)
     for _ in range(200):
@@ -131,7 +131,7 @@ def test_distant_neighbours_leave_the_wanted_velocity_unchanged():
 
 
 def test_head_on_craft_pass_on_the_same_side():
-    """Head on, each gives way to starboard: the other is seen to port, and both arrive."""
+    """Head on, each turns to starboard, passes the other on its port side, and arrives."""
     q, goals, port = np.array([[-3.0, 0.0], [3.0, 0.0]]), np.array([[3.0, 0.0], [-3.0, 0.0]]), []
     for k in range(900):
         said = np.stack([q, q])

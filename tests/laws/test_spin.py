@@ -1,4 +1,4 @@
-"""ConstantSpin, when it may start, and its supervisor, against [1] Z. Kulis 2006, sections 2.2.6 and 2.3."""
+"""ConstantSpin, its start condition, and its supervisor, against [1] Z. Kulis 2006, sections 2.2.6 and 2.3."""
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +31,7 @@ def W_numpy(u, v, r, reference):
 
 
 def on_energy_sphere(n, energy):
-    """States (u, v, r) with exactly this kinetic energy, in random directions."""
+    """Return states (u, v, r) with exactly this kinetic energy, in random directions."""
     a = RNG.standard_normal((3, n))
     a *= np.sqrt(2 * energy) / np.linalg.norm(a, axis=0)
     return a[0] / np.sqrt(M), a[1] / np.sqrt(M), a[2] / np.sqrt(J)
@@ -156,7 +156,7 @@ def test_provision_is_never_violated():
 
 
 def test_provision_is_insufficient_above_the_limit_point_value():
-    """Its docstring says so: W > W_bad, and a reference at twice the bound still has W above its limit point value."""
+    """For W > W_bad a reference at twice the bound still has W above its limit point value, as documented."""
     reference, r = 0.5, -4.0
     W = W_numpy(0.0, 0.0, r, reference)
     assert (J + D) * reference**2 / 2 < W

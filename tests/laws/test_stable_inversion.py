@@ -1,4 +1,4 @@
-"""StableInversion: what one step asks for, what it remembers, and what it refuses.
+"""StableInversion: the demand of one step, its integrals, and invalid values.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -43,7 +43,7 @@ def test_demand_at_the_trim_is_the_trim():
 
 @pytest.mark.thorough
 def test_vehicle_accelerations_equal_the_demanded_ones():
-    """The demand, put into the plant, gives (h'', V') = v: through the law."""
+    """The law's demand, applied to the plant, gives (h'', V') = v."""
     want, gamma = LAW.command.at(20.0), 0.002
     x = HypersonicState(want.h + 1.0, want.V + 0.5, 0.0265, 0.0265 + gamma, 0.0, 0.85, 0.1, 0.8, -0.1)
     _, out = flown(x=FlexibleTruth().measure(x), times=(0, ms(20000)))

@@ -1,4 +1,4 @@
-"""State feedback with integrals: the sums by hand, the limit of an integral, and gains that don't fit."""
+"""State feedback with integrals: hand calculation, integral limit, and gains of wrong shape."""
 
 import numpy as np
 import pytest

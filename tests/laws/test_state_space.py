@@ -1,4 +1,4 @@
-"""A compensator as a law: scipy's own sequence, its period within the autopilot's, and matrices that don't fit."""
+"""A compensator as a law: scipy's sequence, its period, and matrices of wrong shape."""
 
 import numpy as np
 import pytest

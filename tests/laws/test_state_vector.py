@@ -1,4 +1,4 @@
-"""Errors of a state as a vector: plain, of a quaternion, and in body axes; and inputs back into their record."""
+"""State errors as vectors: plain, quaternion and body-axis errors; and input vectors added to their record."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -19,7 +19,7 @@ def test_error_lists_plain_fields_in_the_given_order():
 
 @pytest.mark.thorough
 def test_quaternion_error_matches_the_linear_model_coordinates():
-    """What `design.coordinates` calls the deviation, the law finds again in the record."""
+    """The error equals the deviation of `design.coordinates`."""
     x, u = steady_turn()
     model = error_model(Dart(), x, u)
     change = 0.1 * np.random.default_rng(2).normal(size=13)
@@ -37,7 +37,7 @@ def test_quaternion_error_matches_the_linear_model_coordinates():
 
 
 def test_position_error_is_in_axes_of_wanted_attitude():
-    """Tilted where it is wanted, a craft is off by nothing, however far from the origin."""
+    """A craft tilted at its reference position has zero position error, at any distance from the origin."""
     x, _ = steady_turn()
     names, far = ("p_W", "q_WB"), np.array([1.5, 0.0, -3.0])
     here = replace(x, p_W=far, q_WB=np.array([np.cos(0.1), np.sin(0.1), 0.0, 0.0]))

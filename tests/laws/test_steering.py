@@ -1,4 +1,4 @@
-"""The heading autopilot against a model of its own, and its limits."""
+"""The heading autopilot on a ship model, and its limits."""
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ DT = 0.02
 
 
 def turn_ship(steering, asked, seconds, *, speed=0.58, heading=0.0, gain=0.5, lag=2.0, bias=0.0, read=lambda psi: psi):
-    """Headings, yaw rates and rudders of a ship T r' + r = -K (U/U0)² (rudder + bias), one row each step."""
+    """Return headings, yaw rates and rudders of a ship T r' + r = -K (U/U0)² (rudder + bias), a row per step."""
 
     @jax.jit
     def step(state, psi, r):

@@ -1,4 +1,4 @@
-"""Swing-up: the gain is the regulator's, energy rises to that of the upright pole, and the whole loop catches it."""
+"""Swing-up: the LQR gain, the energy rising to that of the upright pole, and the full loop."""
 
 import jax
 import jax.numpy as jnp
@@ -17,14 +17,14 @@ LAW = SwingUp()
 
 
 def at(angle, rate=0.0, mode=SWING, valid=True):
-    """State and output of the law there."""
+    """Return state and output of the law there."""
     x = CartPoleState(0.0, 0.0, angle, rate)
     estimate = Estimate(t=0, age=0.0, fresh=True, valid=jnp.asarray(valid), state=x, stick=None, dt=0.01)
     return LAW.step(0, SwingUpState(mode=np.int32(mode)), estimate)
 
 
 def linear_model():
-    """A and B of the upright pole."""
+    """Return A and B of the upright pole."""
 
     def rates(y, u):
         d = CartPole().dynamics(0.0, CartPoleState(*y), CartForce(u))

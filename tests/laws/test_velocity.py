@@ -1,4 +1,4 @@
-"""Velocity laws against [1] Z. Kulis 2006, section 2.2, and against what is derived on the docs page."""
+"""Velocity laws against [1] Z. Kulis 2006, section 2.2, and the derivations on the docs page."""
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +31,7 @@ def estimate(u, v, r):
 
 
 def closed_loop(law):
-    """(u, v, r) -> their derivatives, from the equations of motion written out again."""
+    """Return (u, v, r) -> their derivatives, from independent equations of motion."""
 
     def rate(x):
         u, v, r = x
@@ -46,7 +46,7 @@ def value(law):
 
 
 def decay(law):
-    """dW/dt at a state, by automatic differentiation."""
+    """Return dW/dt at a state, by automatic differentiation."""
     return jax.jit(jax.vmap(lambda x: jnp.dot(jax.grad(value(law))(x), closed_loop(law)(x))))
 
 
@@ -86,7 +86,7 @@ def test_energy_identity_of_matched_momentum_law():
 
 
 def test_forward_lyapunov_function_decreases_for_all_gains():
-    """W' < 0 off the equilibrium for 400 random gains, most against the source's k2 > PXr/d."""
+    """W' < 0 off the equilibrium for 400 random gains; most violate the thesis' k2 > PXr/d."""
     draws = np.random.default_rng(1)
     gains = np.exp(draws.uniform(np.log(0.05), np.log(20), (400, 3)))
     assert (gains[:, 1] <= gains[:, 2] / D).sum() > 200
@@ -179,7 +179,7 @@ def test_momentum_laws_reach_their_equilibrium(law, continuous, starts):
 
 
 def test_reverse_distance_is_not_a_lyapunov_function():
-    """Its docstring says so: it grows at some states."""
+    """The distance grows at some states, as documented."""
     assert decay(ReverseMomentum())(STATES).max() > 0
 
 

@@ -1,4 +1,4 @@
-"""Virtual target: V falls as the proof says, the car comes to the path from everywhere, and what is refused."""
+"""Virtual target: the rate of V, convergence to the path, and infeasible paths."""
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +31,7 @@ def ask(law, x, progress, valid=True, dt=0.01):
     ("x", "progress"), [*CASES[:3], *(pytest.param(*case, marks=pytest.mark.thorough) for case in CASES[3:])]
 )
 def test_lyapunov_rate_matches_the_proof(x, progress):
-    """V' = -k1 a^2 - k2 q^2/g along the closed loop, of which only the car's equations are known here."""
+    """V' = -k1 a^2 - k2 q^2/g along the closed loop, from the car's equations alone."""
     new, out = ask(LAW, x, progress)
     rates = NIMBLE.dynamics(0.0, x, out.demand), (new.progress - progress) / 0.01
     start = jax.tree.map(jnp.asarray, (x, progress))
@@ -45,7 +45,7 @@ CIRCLE = Circle(radius=2.0, period=12.0, ease=0.0)
 
 
 def test_turn_rate_on_the_path_matches_the_curvature():
-    """A quarter of the way round, heading south."""
+    """A quarter of the way around, heading south."""
     out = ask(replace(LAW, reference=CIRCLE), DubinsCarState(0.0, 2.0, np.pi), 3.0)[1]
     assert float(out.demand.turn_rate) == pytest.approx(1.2 / 2.0)
     assert [out.cross_track, out.along_track, out.heading_error] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
@@ -61,7 +61,7 @@ def test_steers_back_to_the_path_within_turn_limit():
 
 
 def test_path_is_extended_straight_before_its_start():
-    """The target runs back along the first tangent, as far as it is behind, and doesn't turn yet."""
+    """Before the start the target moves on the first tangent and does not turn."""
     law, x, w = replace(LAW, reference=CIRCLE), np.array([2.0, -3.0]), 2 * np.pi / 12
     angle, pace = w * BEGIN, 2.0 * w
     ahead, right = np.array([-np.sin(angle), np.cos(angle)]), -np.array([np.cos(angle), np.sin(angle)])
@@ -81,7 +81,7 @@ def test_invalid_estimate_holds_the_target():
 
 
 def drive(law, x, seconds, dt=0.05):
-    """Where the car is after so long, and what the law said last."""
+    """Return the car's state after the given time, and the last output of the law."""
     state = law.init(None)
 
     def step(x, state):
@@ -98,7 +98,7 @@ def drive(law, x, seconds, dt=0.05):
 
 
 def test_rest_to_rest_path_continues_straight_beyond_its_end():
-    """A path that begins and ends at rest has a direction there: that which it sets out in, and that which it had."""
+    """A path that starts and ends at rest has a direction there: its first and its last direction of motion."""
     law = VirtualTarget(reference=pass_waypoints(((0.0, 0.0), (4.0, 0.0), (8.0, 3.0)), 0.5))
     x, out = drive(law, DubinsCarState(-1.0, 0.1, 0.0), 6.0)
     assert abs(float(out.cross_track)) < 0.02
@@ -114,7 +114,7 @@ def test_rest_to_rest_path_continues_straight_beyond_its_end():
 @pytest.mark.thorough
 @pytest.mark.parametrize("runs", [100, pytest.param(1000, marks=pytest.mark.thorough)])
 def test_car_converges_to_the_path_from_random_starts(runs):
-    """From within 2 m of its beginning, at any heading, turned away too."""
+    """From within 2 m of the start, at any heading."""
     rng = np.random.default_rng(5)
     spread = {f"initial.{name}": rng.uniform(-2, 2, runs) for name in ("north", "east")}
     spread["initial.heading"] = rng.uniform(-np.pi, np.pi, runs)
