@@ -51,7 +51,7 @@ def with_words(scenario, words):
 @pytest.mark.thorough
 @needs_c
 def test_random_key_words_give_same_noise_in_batch_and_alone(short):
-    """Words of each run; and one scenario's words, to which a run's number is added."""
+    """Key words per run, and key words of a scenario to which the run number is added."""
     seeds = [5] * RUNS
     batch = simulate_batch(with_words(short, [0] * 32), seeds=seeds, runs=WORDS, log=True, log_period=ms(1))
     assert batch.backend == "c lanes"

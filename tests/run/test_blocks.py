@@ -1,4 +1,4 @@
-"""Blocks compiled one by one: an autopilot repeats a run; world and autopilot, face to face, fly it bit for bit."""
+"""Blocks compiled separately: the autopilot repeats a run; world and autopilot together repeat it bit for bit."""
 
 from itertools import takewhile
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compile
 
 
 def face_to_face(scenario, seed):
-    """The rows of the world's outputs, one an instant."""
+    """Return the rows of the world's outputs, one per instant."""
     world, _, _ = compile_world(scenario, seed=seed)
     pilot = compile_autopilot(scenario, seed=seed)
     commands = [(world.reads[p], where) for p, where in pilot.writes.items() if p.startswith("command.")]
@@ -81,7 +81,7 @@ def test_world_step_locates_events_like_the_simulation(method):
 
 
 def thrust(world):
-    """Speed after a tenth of a second of full thrust."""
+    """Return the speed after 0.1 s of full thrust."""
     world.set_inputs({"command.valid": True, "command.value.rudder_pulse": 1.5e-3, "command.value.speed_rpm": 9000})
     for k in range(100):
         world.set_inputs({"t": max(k - 1, 0) * 10_000, "h": 10_000 * (k > 0), "first": k == 0, "fresh": True})

@@ -1,4 +1,4 @@
-"""Where two logs part: rounding, switches, NaN."""
+"""Comparison of two logs: rounding, mode switches, NaN."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def test_rounding_differences_are_within_relative_tolerance():
 
 
 def test_error_signal_tolerance_scales_with_signals_of_same_unit():
-    """An error of altitude: one rounding of 85 000 is 1.5e-11, far more than 1e-10 of an error of 0.01."""
+    """One rounding of an altitude of 85 000 ft is 1.5e-11, more than 1e-10 of an altitude error of 0.01 ft."""
 
     def climb(error, unit):
         far = Quantity(unit=unit, doc="", kind="real")

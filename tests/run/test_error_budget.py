@@ -1,4 +1,4 @@
-"""The error budget: independent effects add up, what is off costs nothing, and the source's finding."""
+"""The error budget: rows, disabled imperfections, invalid input, and the finding of the thesis."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What may be sought, and what is refused."""
+"""Parameters that can be fitted, and invalid paths."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What an autopilot makes of its line: a clock that is found out late, queues, silence."""
+"""The autopilot's link: clock synchronisation, command times, and queued packets."""
 
 from itertools import pairwise
 from types import SimpleNamespace
@@ -18,7 +18,7 @@ FINGERPRINT = b"abcdefgh"
 
 
 class Line:
-    """A link of which packets are asked and to which they are given."""
+    """A link with a number of waiting packets."""
 
     def __init__(self, waiting=0):
         self.waiting, self.sent = waiting, []
@@ -50,7 +50,7 @@ def same_messages(remote, now):
 
 
 def test_queued_answers_do_not_synchronise_the_clock():
-    """Eight questions lay with a vehicle that was starting: its clock came out 0.3 s wrong, and it was armed."""
+    """Regression: eight requests waited for a booting vehicle, its clock offset was 0.3 s wrong, and it was armed."""
     endpoint = SimpleNamespace(pack=lambda *_: b"", dialect=SimpleNamespace(fingerprint=FINGERPRINT))
     remote = RemoteVehicle(endpoint, Line())
     heartbeat(remote, 0)
@@ -64,7 +64,7 @@ def test_queued_answers_do_not_synchronise_the_clock():
 
 
 def test_command_times_increase_after_a_clock_offset_correction():
-    """A vehicle takes no command older than its last; an offset that was found 0.3 s too large had stopped it."""
+    """A vehicle rejects commands older than the last one; an offset 0.3 s too large once stopped it."""
     stamps, sync = [], TimeSync()
     end = SimpleNamespace(command_packets=lambda _, ahead: stamps.append(ahead) or [])
     sender = CommandSender(end, None, Line(), sync)
@@ -80,7 +80,7 @@ def test_command_times_increase_after_a_clock_offset_correction():
 
 
 def test_newest_of_simultaneous_commands_is_used_in_any_order():
-    """The failsafe takes none that is older than its last: obeyed in the order of coming, the newer would be lost."""
+    """The failsafe rejects commands older than the last; used in order of arrival, the newer one would be lost."""
     for times in ((20, 40), (40, 20)):
         parts = SimpleNamespace(
             broadcast=SimpleNamespace(accept_sender=lambda messages, now: None),

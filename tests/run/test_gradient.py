@@ -1,4 +1,4 @@
-"""Gradients of whole runs in C against differences of JAX runs, where the run has no switch on the way."""
+"""Gradients of whole runs in C against differences of JAX runs, for runs without mode switches."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -51,7 +51,7 @@ def test_gradient_matches_central_differences(ideal, path):
 
 
 def test_cost_integral_starts_at_its_start_time(ideal):
-    """Instants from then on, the first of them whole: against the log's sums, for a time between two instants too."""
+    """Against sums over the log from the first instant at or after the start time."""
     since = tuple(int(seconds(s)) for s in (0, 1, 1.00005, 3.999))
     along = [("autopilot.law.k1", ())]
     found = gradients(ideal, four_costs, along, seeds=[0], runs=[0], since=since)

@@ -1,4 +1,4 @@
-"""What the two sides of a scenario agree on, and what is said where they don't."""
+"""The identity of a scenario on both sides of a link, and the reported differences."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A loop's numbers as deviations: against turns by hand, and there and back."""
+"""A loop's state as deviations: against analytical rotations, and round trips."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,7 +18,7 @@ def quaternion_of(turn):
 
 @pytest.fixture
 def reference():
-    """A state, and a ring of two of them, the second slot empty: what a link has under way."""
+    """A state, and a ring buffer of two states with an empty second slot, as in a link."""
     x = replace(MultirotorState(), attitude=quaternion_of(TURNED))
     ring = replace(x, attitude=np.stack([quaternion_of(TURNED), np.zeros(4)]), position=np.zeros((2, 3)))
     return {"x": x, "ring": ring, "count": np.int64(3)}

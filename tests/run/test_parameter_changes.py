@@ -1,4 +1,4 @@
-"""A parameter that was changed in flight: its event keeps every bit, and both replays apply it at its step."""
+"""A parameter changed in flight: its event is exact, and both replays apply it at its step."""
 
 import numpy as np
 import pytest

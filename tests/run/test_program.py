@@ -1,4 +1,4 @@
-"""Flying compiled runs: progress, Ctrl-C, threads."""
+"""Running compiled runs: progress, Ctrl-C, threads."""
 
 import os
 import signal
@@ -51,7 +51,7 @@ def test_progress_reaches_the_number_of_runs(short, monkeypatch):
 
 @pytest.fixture
 def interruptible():
-    """Ctrl-C raises, also in a process that was started in the background, where it is ignored."""
+    """Make Ctrl-C raise, also in a background process, where it would be ignored."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

@@ -1,4 +1,4 @@
-"""Recorded runs fly again from their frames: every bit, or the first that differs by name."""
+"""Recorded runs are replayed from their frames: exactly, or with the first difference named."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ RUNS = [
 
 
 def recorded(folder, name, settings, seed=3, run=0, duration=10_000_000, backend="c") -> Log:
-    """A run from its file, as who replays it has it."""
+    """Return a run as read from its file."""
     scenario, _ = catalogue.load_scenario(name, settings)
     log = simulate(
         scenario, seed=seed, run=run, duration=duration, log_period=scenario.autopilot.period, backend=backend
@@ -46,7 +46,7 @@ def with_signal(log: Log, path: str, values: np.ndarray) -> Log:
 
 
 def flipped(log: Log, path: str, row: int, bit: int) -> Log:
-    """One bit of one number changed."""
+    """Return a log with one bit of one number flipped."""
     values = log[path].copy()
     values[row : row + 1].view(np.uint64)[0] ^= np.uint64(1 << bit)
     return with_signal(log, path, values)
@@ -182,7 +182,7 @@ def test_accepts_finer_log_rows_and_rejects_coarser_rows(flight):
 
 @compiled
 def test_flight_log_replays_up_to_its_first_gap(flight):
-    """A flight's rows are its steps, late ones too; counters say where some are missing."""
+    """The rows of a flight are its steps; counters mark missing rows."""
     log, scenario = flight
     kept = np.delete(np.arange(len(log)), slice(400, 450))
     signals = {p: v[kept] for p, v in log.signals.items()}

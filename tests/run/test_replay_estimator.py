@@ -1,4 +1,4 @@
-"""An estimator alone over a log's samples: of a recorded flight the same bits, and logs from elsewhere."""
+"""An estimator alone on a log's samples: exact for recorded flights, and logs of other programs."""
 
 import jax
 import numpy as np
@@ -23,7 +23,7 @@ BACKENDS = ["jax", pytest.param("c", marks=pytest.mark.skipif(find_compiler("c")
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
-    """A drive as who logged it elsewhere writes it, by way of the file."""
+    """A drive as another program logs it, read from its file."""
     world, frames = drive(2), frames_of(drive(2))
     odometry, ranging = frames.samples["odometry"], frames.samples["ranging"]
     rows = np.flatnonzero(ranging.fresh)
@@ -39,7 +39,7 @@ def log(tmp_path_factory):
 @pytest.mark.thorough
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_external_log_gives_the_same_estimate_as_its_frames(log, backend):
-    """Row by row: there ranges came with the odometry's frame, here each sample has a row of its own."""
+    """Row by row: in the frames, ranges come with the odometry; in this log each sample has its own row."""
     replayed = replay_estimator(log, FILTER, backend=backend)
     frames = frames_of(drive(2))
     state, estimates = jax.jit(

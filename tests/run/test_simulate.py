@@ -1,4 +1,4 @@
-"""simulate: refusals before the run, determinism, batch equal to single runs, what the log holds."""
+"""simulate: errors before the run, determinism, batches equal to single runs, contents of the log."""
 
 import importlib
 import pickle
@@ -50,7 +50,7 @@ def assert_equal_logs(a, b):
 
 @pytest.fixture
 def compiled_count(monkeypatch):
-    """How often simulate had a scenario compiled, or looked for what was kept on disk."""
+    """Count how often simulate compiles a scenario or looks for a cached one."""
     count = []
     compile_scenario = simulate_module.compile_scenario
 
@@ -133,7 +133,7 @@ def test_simulate_many_matches_its_single_runs(short):
 
 @pytest.mark.thorough
 def test_disabling_one_imperfection_keeps_the_noise_of_others(short):
-    """Streams belong to the path of a part, so two runs differ by the fault alone."""
+    """Random streams belong to the path of a part, so two runs differ only by the imperfection."""
     real, prompt = simulate(short), simulate(short.without("uplink-delay"))
     error = [log["sensors.navigation.value.yaw_rate"] - log["truth.yaw_rate"] for log in (real, prompt)]
     due = real.ticks % ms(6) == 0
@@ -185,7 +185,7 @@ def test_incommensurate_periods_are_all_simulated(short):
 
 @record
 class Counted:
-    """What laws read, and how many samples were fresh. Source: this test."""
+    """States for the law, and the number of fresh samples. Source: this test."""
 
     surge_velocity: Any = quantity("m/s", "Along x.")
     sway_velocity: Any = quantity("m/s", "Along y.")
@@ -196,7 +196,7 @@ class Counted:
 
 @record
 class Counting:
-    """An estimator that believes its sensor, and counts. Source: this test."""
+    """An estimator that passes its sensor on and counts samples. Source: this test."""
 
     listens = ("navigation",)
 
@@ -215,7 +215,7 @@ class Counting:
 @pytest.mark.parametrize("backend", ["c", "jax"])
 @pytest.mark.parametrize("wire", [ms(1), 65536, ms(3)])
 def test_estimator_receives_each_sample_as_fresh_once(short, wire, backend):
-    """An IMU's tick, a wire and an autopilot that keep different times: nothing is lost, nothing is counted twice."""
+    """With different periods of IMU, wire and autopilot, no sample is lost or counted twice."""
     world = replace(short.world, sensors={"navigation": NavigationErrors(period=65536)}, downlink=Wire(period=wire))
     counted = replace(short, world=world, autopilot=replace(short.autopilot, estimator=Counting()))
     log = simulate(counted, backend=backend)

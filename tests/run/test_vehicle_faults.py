@@ -1,4 +1,4 @@
-"""Faults of a vehicle on a real line: those of the uplink act before the failsafe, and stop the vehicle."""
+"""Faults of a vehicle on a real link: uplink faults act before the failsafe and stop the vehicle."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def step(parts):
 
 
 def driven(parts, step, word, severity=1.0):
-    """Speeds (rpm) that reach the actuators each millisecond, and the modes: a command each 20 ms, none missing."""
+    """Return speeds (rpm) at the actuators each millisecond, and the modes, for a command each 20 ms."""
     bare, world, command = parts
     if step is not None:
         step.reset()
@@ -68,7 +68,7 @@ def test_commands_pass_unchanged_without_a_fault(parts, step):
 
 @pytest.mark.parametrize("word", ["off", "stuck", "garbage"])
 def test_uplink_without_new_commands_triggers_failsafe(parts, step, word):
-    """The last good command came at 480 ms; 250 ms later the fan stands still, and stays so."""
+    """The last good command arrives at 480 ms; 250 ms later the fan stops for good."""
     speeds, modes = driven(parts, step, word)
     assert modes.index("failsafe") == 730
     assert (speeds[:730] > 0).all()
@@ -91,7 +91,7 @@ def test_wrong_uplink_commands_are_accepted_only_within_limits(parts, step):
 
 
 def test_command_line_faults_are_kept_on_a_real_link(scenario):
-    """They were lost with the simulated channels that they stood in."""
+    """Regression: the faults were lost with the simulated channels that they wrapped."""
     both = replace_links(inject_faults(scenario, ["uplink delayed by 0.3 @ 1 s", "downlink off @ 2 s"]))
     for channel, word in ((both.world.uplink, "delayed"), (both.world.downlink, "off")):
         assert WORDS[int(channel.fault.kind)] == word
