@@ -1,4 +1,4 @@
-"""A scenario over a recording of a line, from what is typed: the delays that are flown are those of the file."""
+"""Scenarios built from settings: link recordings, files, and errors with suggestions."""
 
 import importlib
 import re

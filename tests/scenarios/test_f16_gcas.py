@@ -1,6 +1,6 @@
-"""The F-16 that avoids the ground: how low it gets, from where it fails, and what its surfaces' lag does to it.
+"""The F-16 that avoids the ground: lowest altitude, failing starts, and the effect of actuator lag.
 
-Bands are around what this package gave, over eight seeds; how low the publication's flights get: study stevens_lewis.
+Bands are regression bands over eight seeds; the altitudes of the published flights are in the study stevens_lewis.
 """
 
 import numpy as np
@@ -39,7 +39,7 @@ def test_aircraft_stays_above_the_ground(start):
 
 @pytest.mark.thorough
 def test_aircraft_stays_above_the_ground_on_gnss_inertial_navigation():
-    """Fixes 120 ms late, and none from 2 s to 4.5 s; the law waits for the first, so that it gets a little lower."""
+    """Fixes are 120 ms late, with an outage from 2 s to 4.5 s; waiting for the first fix costs altitude."""
     scenario = build("f16/gcas", {"navigation": "gnss-inertial"})
     logs = simulate_many(scenario, seeds=range(40), log_period=ms(20))
     least = np.array([np.min(log["truth.altitude"]) for log in logs]) / FOOT
@@ -63,7 +63,7 @@ def test_aircraft_stays_above_the_ground_on_gnss_inertial_navigation():
 
 @pytest.mark.thorough
 def test_actuator_lag_destabilises_the_published_roll_loop():
-    """Poles of roll angle, roll loop and surfaces, linear: unstable with the published gains, not with ours."""
+    """Linear poles of roll angle, roll loop and surfaces: unstable with the published gains, stable with ours."""
     lag = 20.2
 
     def rightmost(weights, bank, damping):
@@ -85,7 +85,7 @@ def test_actuator_lag_destabilises_the_published_roll_loop():
 
 @pytest.mark.thorough
 def test_published_gains_miss_the_ground_only_without_lag():
-    """The dive, by AeroBenchVV's own gains: with lag it stalls, without lag and rate limit it climbs away."""
+    """The dive with AeroBenchVV's gains: with lag the aircraft stalls, without lag and rate limit it climbs away."""
     lagged = build("f16/gcas", {"gains": "published"})
     quick = lagged.without("actuator-lag").without("rate-limit")
     stalls, climbs = (simulate_many(s, seeds=[0], log_period=ms(20))[0] for s in (lagged, quick))
@@ -96,7 +96,7 @@ def test_published_gains_miss_the_ground_only_without_lag():
 
 @pytest.mark.thorough
 def test_only_steep_dives_from_the_deck_hit_the_ground():
-    """Campaign: shallow dives all miss it, steep ones all hit, for no pull-up has the room."""
+    """Campaign: all shallow dives miss the ground, and all steep dives hit it."""
     for spread, success in (("uniform(-0.5, -0.1)", 1.0), ("uniform(-1.2, -1.0)", 0.0)):
         result = Campaign(
             "f16/gcas",

@@ -1,4 +1,4 @@
-"""Flights by a gain of `trimtab design VEHICLE --lqr`: on four vehicles, in every verb's words, and refusals."""
+"""Flights with a gain of `trimtab design VEHICLE --lqr`: four vehicles, all commands, and invalid gains."""
 
 import json
 
@@ -41,7 +41,7 @@ def folder(tmp_path_factory):
 
 
 def design(folder, name, *more):
-    """The file of a gain, proved and proved again."""
+    """Return the file of a designed gain; cached per arguments."""
     file = folder / f"{name.replace('/', '-')}{'-'.join(more)}.json".replace(" ", "")
     if not file.exists():
         done = call("design", name, "--lqr", *DESIGNS[name].split(), *more, "--out", file)
@@ -151,7 +151,7 @@ def test_rejects_unstable_or_unknown_fast_states():
 
 @pytest.mark.thorough
 def test_certificate_proves_the_loop_with_fast_states(folder):
-    """A gain of a model without its fast states is proved for the loop that has them, or not proved."""
+    """A gain designed without fast states is proved for the loop with them, or reported as not proved."""
     file = design(folder, "vessel/path")
     assert set(read_certificate(file)[0].recorded) == {"loop with fast states"}
     hasty = DESIGNS["vessel/path"].replace("heading=0.2", "heading=0.001").replace("yaw_rate=0.2", "yaw_rate=0.1")
@@ -183,7 +183,7 @@ def test_gain_brings_other_vehicles_to_their_trim(folder, name, settings, second
 
 @pytest.mark.thorough
 def test_wrong_mass_gives_the_documented_height_offset(folder):
-    """20 % more mass than assumed: it hangs lower by the weight that the gain's own trim does not carry."""
+    """With 20 % more mass than assumed, the hover is lower by the weight that the trim does not carry."""
     name, heavy = "quadrotor/track", {"trajectory": "place", "world.vehicle.mass": "5.208"}
     heights = {}
     for what, more in {

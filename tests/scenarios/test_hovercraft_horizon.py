@@ -1,4 +1,4 @@
-"""`hovercraft/track` by the receding-horizon law on the whole loop, beside the Lyapunov tracker; and a plan."""
+"""`hovercraft/track` by the receding-horizon law on the full loop, compared with the Lyapunov tracker; and a plan."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.thorough
 
 
 def errors(log):
-    """Of P from where it was wanted (m), from 15 s on."""
+    """Return the distance of P from its reference (m), from 15 s on."""
     heading = log["truth.heading"]
     north = log["truth.north"] + ARM * np.cos(heading) - log["law.north_reference"]
     east = log["truth.east"] + ARM * np.sin(heading) - log["law.east_reference"]

@@ -1,6 +1,6 @@
-"""The pilot's scenario: its demonstration on the whole loop, and a stick that nobody holds.
+"""The pilot's scenario: its demonstration on the full loop, and a missing stick.
 
-Bands are regression bands around what this package gave, over eight seeds.
+Bands are regression bands around results of this package, over eight seeds.
 """
 
 from functools import cache
@@ -26,14 +26,14 @@ def flown(navigation, links="chain"):
 
 
 def velocity(log):
-    """Of the point that is steered, over the floor: north, east."""
+    """Return the velocity (north, east) of the steered point over the floor."""
     u, v, r, psi = (log[f"truth.{n}"] for n in ("surge_velocity", "sway_velocity", "yaw_rate", "heading"))
     side = v + ARM * r
     return u * np.cos(psi) - side * np.sin(psi), u * np.sin(psi) + side * np.cos(psi)
 
 
 def tracking(log, start, end):
-    """Root mean square error of the velocity against its reference, mean speed, rate of the course."""
+    """Return the rms velocity error, the mean speed, and the rate of the course."""
     part = (log.t >= start) & (log.t < end)
     north, east = (x[part] for x in velocity(log))
     speed, course = log["law.speed_reference"][part], log["law.course_reference"][part]
@@ -60,7 +60,7 @@ def test_demonstration_tracks_the_stick_on_ins(links):
 
 @pytest.mark.thorough
 def test_demonstration_tracks_the_stick_on_the_error_model():
-    """The source's navigation errs by 0.1 m/s and more, and so does what is flown on it: wider bands, in the median."""
+    """The thesis' navigation has errors of 0.1 m/s and more, and so have the flights: wider bands, for medians."""
     logs = flown("errors")
     turn = np.median([tracking(log, 14, 20) for log in logs], axis=0)
     assert turn[0] < 0.25

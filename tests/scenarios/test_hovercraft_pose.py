@@ -1,6 +1,6 @@
-"""Both ways to rest at a place and a heading, on the whole loop: how near they stay.
+"""Both laws for rest at a place and a heading, on the full loop: distance from the goal.
 
-Bands are regression bands around what this package gave, over eight seeds.
+Bands are regression bands around results of this package, over eight seeds.
 """
 
 import numpy as np

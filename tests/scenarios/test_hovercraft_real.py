@@ -1,6 +1,6 @@
-"""The simulated autopilot with its faults: what section 6.1 and figs. 6.7 to 6.10 of [1] say of it.
+"""The simulated autopilot with its imperfections, against section 6.1 and figs. 6.7 to 6.10 of [1].
 
-Tolerances are regression bands around what this package gave; what they confirm of [1] is a row of the study, not a
+Tolerances are regression bands around results of this package; agreement with [1] is a row of the study, not a
 test here. Seeds are 0 … 59, drawn once per scenario.
 
 [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
@@ -48,7 +48,7 @@ BANDS = {  # figure: signal: (min band, max band), from the ticks that enclose e
 
 @cache
 def logs(name, without=(), reading="C", settings=()):
-    """One log per seed, truth only."""
+    """Return one log per seed, truth only."""
     scenario, _ = catalogue.load_scenario(f"hovercraft/{name}", dict(settings))
     for fault in without:
         scenario = scenario.without(fault)
@@ -65,7 +65,7 @@ def stacked(name, signal, **options):
 
 
 def first(t, holds):
-    """Per run the first time at which a condition holds; infinite where it never does."""
+    """Return per run the first time at which a condition holds, infinite if never."""
     return np.where(holds.any(axis=1), t[holds.argmax(axis=1)], np.inf)
 
 
@@ -94,7 +94,7 @@ def test_forward_real_rises_in_five_seconds_and_wanders():
 
 @pytest.mark.thorough
 def test_navigation_noise_is_the_main_cause_of_oscillation():
-    """Text: "INS noise is the primary cause": without it nothing wanders, without delays nearly all of it stays."""
+    """Text: "INS noise is the primary cause": without it the craft does not wander, without delays it does."""
     t, quiet = stacked("forward", "sway_velocity", without=("navigation-error",))
     late = t > 8
     assert np.median(quiet[:, late].std(axis=1)) < 1e-3
@@ -130,7 +130,7 @@ def test_headings_turn_the_shortest_way_except_with_plain_difference(name):
 
 
 def overlapping(reading="C"):
-    """How many axis bands the 2 … 98 % range of the run extremes overlaps, and which it misses."""
+    """Return the number of axis bands that the 2 … 98 % range of the run extremes overlaps, and the missed ones."""
     hits, misses = 0, []
     for name, signals in BANDS.items():
         for signal, bands in signals.items():

@@ -1,4 +1,4 @@
-"""What is proved about the hovercraft's laws: it holds of the shipped code, and of no code with a mistake in it.
+"""Theorems about the hovercraft's laws: proved for the shipped code, and not for code with a mistake.
 
 Numbers: Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 2.2.
 """
@@ -45,7 +45,7 @@ def read(name):
 
 
 def prove(name, **changes):
-    """The shipped certificate of a theorem against the code as it is now."""
+    """Prove a theorem about the current code with its shipped certificate."""
     certificate, written = read(name)
     theorem = THEOREMS[f"hovercraft/{name}"](**dict(certificate.about))._replace(**changes)
     return prove_theorem(certificate, theorem, (written, theorem_digest(certificate)))
@@ -65,7 +65,7 @@ def test_shipped_certificates_are_proved(name):
 
 
 def test_zero_velocity_invariant_set_is_the_origin():
-    """The source's proof takes the point for the set; it is a line, and LaSalle's set in it is computed."""
+    """dV/dt vanishes on a line, not only at the point as in the thesis; LaSalle's invariant set in it is computed."""
     c = lines(prove("zero-velocity"))[INVARIANT]
     assert c.why.startswith("dV/dt = 0 on a line (r = v/d, u = 0)")
     assert c.why.endswith("it is r = 0, u = 0, v = 0")
@@ -114,7 +114,7 @@ def test_spin_gate_energies_match_published_values():
 
 
 def mutate(law, FX=lambda f, s, law: f, FY=lambda f, s, law: f):
-    """A law whose demand is changed: by functions of it, the state and the law."""
+    """Return a law whose demand is changed by functions of the demand, the state and the law."""
 
     class Mutant:
         def __init__(self, **settings):
@@ -149,7 +149,7 @@ MUTANTS = {
 @pytest.mark.parametrize("change", MUTANTS)
 @pytest.mark.parametrize("name", LAWS)
 def test_mutated_law_is_not_proved(name, change, monkeypatch):
-    """Neither by the shipped certificate, nor by one that is made for it where it can be."""
+    """The mutant is proved neither by the shipped certificate nor by a new one, where one can be designed."""
     monkeypatch.setattr(_theorems, LAWS[name].__name__, mutate(LAWS[name], **MUTANTS[change]))
     proof = prove(name)
     assert not proof.holds
@@ -180,7 +180,7 @@ def test_wrong_spin_limit_points_are_not_proved():
 
 
 def test_reverse_is_proved_only_above_its_bound(monkeypatch):
-    """theta = (1 - excess) J/(d^2 m), below the bound: the minors are not positive, and no region is looked for."""
+    """theta = (1 - excess) J/(d^2 m), below the bound: the minors are not positive, and no region is computed."""
 
     class Below(ReverseMomentum):
         def step(self, t, state, estimate):
@@ -199,7 +199,7 @@ def test_reverse_is_proved_only_above_its_bound(monkeypatch):
 @pytest.mark.parametrize("name", ["switching_energy", "limit_point_value", "lyapunov", "safe_reference_bound"])
 @pytest.mark.parametrize("theorem", ["spin-gate", "spin-reference"])
 def test_changed_spin_threshold_is_not_proved(name, theorem, monkeypatch):
-    """Each threshold of the spin law is in the theorem that is about it; those that are not leave it as it was."""
+    """Changing a threshold breaks exactly the theorems that are about it."""
     shipped = getattr(spin_laws, name)
     larger = -1 if name == "limit_point_value" else 1
     monkeypatch.setattr(_theorems, name, lambda *a: shipped(*a) * (1 + larger * 0.5))
@@ -233,7 +233,7 @@ def rates(law):
 
 @pytest.mark.thorough
 def test_reverse_converges_from_the_edge_of_its_region():
-    """The shipped law and vehicle in floats, from V = c: V falls all the way. And the region is of a useful size."""
+    """The shipped law and vehicle in floats, from V = c: V always falls. The region has a useful size."""
     certificate, _ = read("reverse")
     point = {"u": symbol("u") - Fraction(99, 130)}
     V = certificate.lyapunov.substitute(point)
@@ -256,7 +256,7 @@ def test_reverse_converges_from_the_edge_of_its_region():
 
 
 def test_reverse_lyapunov_function_grows_outside_its_region():
-    """The level is not far from the largest: at three times as much, -dV/dt is negative at some point."""
+    """dV/dt is positive at some point with V below six times the proved level."""
     theorem = THEOREMS["hovercraft/reverse"]()
     certificate, _ = read("reverse")
     draws, fall = np.random.default_rng(6), -lie_derivative_of(certificate.lyapunov, theorem.field)
@@ -281,7 +281,7 @@ def test_a_claim_without_proof_is_not_proved():
 
 
 def fly_zero_velocity(start, ends):
-    """Seconds in which V of the shipped law and vehicle falls from a start with V = start J to each of the ends."""
+    """Return the times in which V of the shipped law and vehicle falls from V = start J to each of the ends."""
     law, model = ZeroVelocity(), Hovercraft()
     m, J, d, k1, k2 = (float(v) for v in (model.mass, model.inertia, model.arm, law.k1, law.k2))
 
@@ -301,7 +301,7 @@ def fly_zero_velocity(start, ends):
     [({}, (0.5, 0.2, 0.1)), ({"level": 0.2, "rate": 1.0, "slip_cross": 0.4, "turn_cross": 0.12}, (0.1, 0.05, 0.02446))],
 )
 def test_zero_velocity_settles_within_the_proved_time(changes, ends):
-    """From random starts at the level; and the bound is of the order of the slowest, not of another."""
+    """From random starts at the level; the bound is within 15 times of the slowest run."""
     theorem = THEOREMS["hovercraft/zero-velocity-time"](**changes)
     pytest.importorskip("clarabel")
     assert prove_theorem(design_theorem(theorem), theorem).holds
@@ -327,7 +327,7 @@ def test_excessive_decay_rate_is_not_proved():
 
 @pytest.mark.thorough
 def test_monitor_checks_the_proved_braking_time_in_flight():
-    """21 s from 1 J to 0.2 J: kept in flight with all the faults; a hundredth of it is not."""
+    """21 s from 1 J to 0.2 J: met in a flight with all imperfections; a hundredth of it is violated."""
     bound = settling_bound(THEOREMS["hovercraft/zero-velocity-time"](), 1.0, 0.2)
     assert 20 < bound < 21
     formulas = "; ".join(

@@ -1,6 +1,6 @@
-"""A circle, a figure eight and way-points on the whole loop: how near the craft stays to where it is wanted.
+"""A circle, a figure eight and way-points on the full loop: tracking errors.
 
-Bands are regression bands around what this package gave, over eight seeds.
+Bands are regression bands around results of this package, over eight seeds.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ BANDS = {"circle": (0.045, 0.15), "eight": (0.07, 0.45), "waypoints": (0.10, 0.2
 
 
 def place_errors(log):
-    """m, of the centre of percussion, in truth."""
+    """Return the true position errors of the centre of percussion (m)."""
     heading = log["truth.heading"]
     north = log["truth.north"] + A * np.cos(heading) - log["law.north_reference"]
     return np.hypot(north, log["truth.east"] + A * np.sin(heading) - log["law.east_reference"])
@@ -58,7 +58,7 @@ def test_logged_position_error_is_true_on_the_ideal_twin():
 
 @pytest.mark.thorough
 def test_path_progress_waits_for_a_craft_starting_behind():
-    """From 1.5 m behind: in time it cuts across; along the path that waits, and so is behind the clock ever after."""
+    """From 1.5 m behind: by time the craft cuts across; along the path the reference waits and stays late."""
     settings = {"initial.east": "-1.6", "duration": "40 s"}
     progress = {}
     for kind in ("time", "path"):

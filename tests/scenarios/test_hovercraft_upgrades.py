@@ -1,4 +1,4 @@
-"""Chapter 7's upgrades: what each choice changes, what it leaves, and what the page says that it gains."""
+"""The upgrades of chapter 7: changed settings, unchanged settings, and documented gains."""
 
 import numpy as np
 import pytest

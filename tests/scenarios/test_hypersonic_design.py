@@ -46,7 +46,7 @@ def observer(linear, density):
 
 @pytest.mark.thorough
 def test_exact_linearisation_matches_reference_matrices(linear):
-    """[1] eqs. 4-8, by the quick way: A[4,:] = e_Q, B[4,:] = [-1/V, 0] to 1e-9, and the printed rows."""
+    """[1] eqs. 4-8: A[4,:] = e_Q, B[4,:] = [-1/V, 0] to 1e-9, and the printed rows."""
     assert linear.states == ("h", "h'", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
     assert linear.inputs == ("h''", "V'")
     np.testing.assert_allclose(linear.A[3], np.eye(9)[4], atol=1e-9)
@@ -164,7 +164,7 @@ def test_modal_error_block_matches_the_dynamics_and_is_observable(linear):
     "settings", [{}, {"method": "lmi", "filter": "accurate", "mode_error": 0.0}, {"integral": "true"}]
 )
 def test_certificates_are_proved_exactly(settings):
-    """[1] eqs. 14, 15 by exact arithmetic from the file; 4 and 5 computed anew."""
+    """[1] eqs. 14, 15 by exact arithmetic from the file; 4 and 5 are recomputed."""
     text = certificate_json(hypersonic.certificate(**settings))
     certificate, written = parse_certificate(text, "file")
     proof = prove_certificate(certificate, hypersonic.certified_system(**settings), written)
@@ -179,7 +179,7 @@ def test_certificates_are_proved_exactly(settings):
 
 @pytest.mark.thorough
 def test_integer_and_float_flight_conditions_give_equal_certificates():
-    """h_ft=90000 as Python or JSON has it, not 90000.0."""
+    """h_ft=90000 as an integer of Python or JSON, not 90000.0."""
     whole, real = ({"filter": "none", "h_ft": h, "V_ft_per_s": V} for h, V in ((90_000, 8_000), (90e3, 8e3)))
     certificate = hypersonic.certificate(**whole)
     assert np.array_equal(certificate.K, hypersonic.certificate(**real).K)
@@ -205,7 +205,7 @@ def test_weight_below_the_least_is_not_proved(linear):
 
 @pytest.mark.thorough
 def test_uncertainty_bounds_over_the_envelope_match_analysis(linear, monkeypatch):
-    """kappa_G by hand for mass alone, 1/0.98 - 1; rho0 and rho1 against a loop over points."""
+    """kappa_G is 1/0.98 - 1 for mass alone; without parameter errors all bounds vanish."""
     K = hypersonic.feedback_gain(linear).K
     nominal = hypersonic.envelope_numbers(Hypersonic(), K, 0.0)
     assert nominal["kappa_G"].value < 1e-15  # no parameter error
@@ -238,7 +238,7 @@ def test_uncertainty_bounds_hold_and_are_tight_for_random_plants(linear):
 
 
 def left_by_inversion(plant, at, v):
-    """What the plant's (h'', V') differ from v that the law asked of the vehicle it believes in."""
+    """Return the difference of the plant's (h'', V') from v, which the law demands of its assumed vehicle."""
     h, V, alpha, gamma = at
     u = invert_path(Hypersonic(), h, V * jnp.sin(gamma), V, alpha, v[0], v[1]).u
     x = HypersonicState(h, V, alpha, alpha + gamma, 0.0, 0.0, 0.0, 0.0, 0.0)

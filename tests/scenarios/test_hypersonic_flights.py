@@ -1,4 +1,4 @@
-"""The hypersonic vehicle's flights: what is demanded of them."""
+"""Requirements on the hypersonic vehicle's flights."""
 
 import math
 
@@ -106,7 +106,7 @@ def test_mode_frequencies_10_percent_off_stay_inside_the_envelope(flights, facto
 
 @pytest.mark.thorough
 def test_noise_moves_the_elevator_below_a_third_degree(flights):
-    """The issue: below 0.3 deg rms. What noise adds is told by the same climb without it."""
+    """Requirement: below 0.3 deg rms. The effect of noise is the difference from the same climb without it."""
     moved = flights.rows("actuators.u.delta_e", 0.01, 1.0) - flights.rows("actuators.u.delta_e", 0.0, 1.0)
     activity = np.rad2deg(rms(moved))
     print(f"elevator {activity.min():.3f} to {activity.max():.3f} deg rms")
@@ -152,7 +152,7 @@ def test_rejects_a_table_of_another_climb_or_vehicle():
 
 @pytest.mark.thorough
 def test_rejects_a_climb_beyond_the_engine_before_the_run():
-    """The issue: commands that saturate the engine are refused with the number that broke it."""
+    """Requirement: commands that saturate the engine are rejected with the violated limit."""
     climb = FilteredClimb(dh=1000.0, dV=200.0, wh=0.5, wV=0.5)
     with pytest.raises(InputError, match=r"at \d+\.?\d* s needs fuel ratio 1\.\d+, limits are 0\.02 and 1\.5"):
         hypersonic_scenario("mine", climb, 60.0).check()
@@ -163,7 +163,7 @@ def test_rejects_a_climb_beyond_the_engine_before_the_run():
 @pytest.mark.thorough
 @pytest.mark.parametrize("integral", ["on", "off"])
 def test_gain_filter_law_and_table_use_the_assumed_vehicle(integral):
-    """A vehicle 10 % heavier, used by all parts, is flown like the nominal one; used by none it is not."""
+    """A 10 % heavier vehicle is tracked like the nominal one only if all parts assume it."""
     heavy = replace(Hypersonic(), m=330.0)
     climb = FilteredClimb(dh=500.0, dV=100.0)
     apart, alike = (
@@ -189,7 +189,7 @@ def test_rejects_a_run_longer_than_its_table():
 
 @pytest.mark.thorough
 def test_mode_references_scale_with_the_estimated_frequency():
-    """What a load does to a mode goes with 1/w^2; an estimate of w scales what is wanted of it."""
+    """The static deflection of a mode scales with 1/w^2, so its reference scales with the estimate of w."""
     scenario, _ = catalogue.load_scenario("hypersonic/modal-mismatch", {"filter": "adaptive", "frequency": "1.10"})
     log = simulate(scenario, seed=1, log_period=ms(100))
     late = log.t > 60

@@ -1,4 +1,4 @@
-"""The bounded internal states of the hypersonic vehicle along the large climb: numbers, ends, residual, refusals.
+"""The bounded internal states of the hypersonic vehicle along the large climb: values, ends, residual, errors.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -20,7 +20,7 @@ DEG = np.pi / 180
 
 
 def test_level_trim_matches_reference_values():
-    """Oracle, trim, for the quick search used here."""
+    """Oracle, trim, for the search used here."""
     at = level_trim(CRAFT, H0, V0)
     got = [at.zeta[0] / DEG, at.u.Phi, at.u.delta_e / DEG, at.zeta[2], at.zeta[4]]
     np.testing.assert_allclose(got, [1.596784, 0.264449, 12.427146, 0.903851, 0.755137], rtol=1e-5)
@@ -61,7 +61,7 @@ def test_noncausal_solution_has_small_residual_and_trim_ends():
 
 @pytest.mark.thorough
 def test_right_end_is_the_trim_after_the_climb():
-    """A small quick climb, whose command has arrived."""
+    """A small quick climb, whose command has reached its end."""
     table, report = noncausal_table(CRAFT, FilteredClimb(dh=200.0, dV=40.0, wh=0.25, wV=0.25), 150.0, dt=0.01)
     assert report.right < 1e-8
     end = level_trim(CRAFT, H0 + 200, V0 + 40).zeta
@@ -79,7 +79,7 @@ def test_iteration_changes_shrink_tenfold():
 
 
 def test_noncausal_solution_moves_before_the_command():
-    """Noncausal: half a second before the step alpha has begun, by more with each tenth, as e^(3.289 t)."""
+    """Noncausal: alpha moves before the step and grows as e^(3.289 t)."""
     zeta = noncausal()[1].solution.zeta
     early = np.abs(zeta[[800, 850, 900, 950], 0] - zeta[0, 0])
     assert CLIMB.at(4.99).h == H0
@@ -161,7 +161,7 @@ def test_rejects_invalid_table_inputs(climb, settings, text):
 
 @pytest.mark.thorough
 def test_rejects_a_climb_without_a_final_trim():
-    """By the end of a long table the speed is too low to fly level; the reason names the bounds."""
+    """At the end of a long table the speed is too low for level flight; the error names the bounds."""
     slowing = FilteredClimb(dV=-4500.0, wV=2.0)
     with pytest.raises(InputError, match=r"3202.08 ft/s: no trim was found: not satisfied: .*; at a bound: .*delta_e"):
         noncausal_table(CRAFT, slowing, 20.0)

@@ -1,4 +1,4 @@
-"""The hypersonic vehicle's loop as matrices, and what is proved of it."""
+"""The hypersonic vehicle's loop as matrices, and its proofs."""
 
 import itertools
 
@@ -45,7 +45,7 @@ def test_loop_poles_are_those_of_gain_and_filter(certificate, at):
 
 @pytest.mark.thorough
 def test_sampled_loop_converges_to_the_continuous_loop(certificate, at):
-    """Its poles are exp(s T) of A + B K's, but for what holding an input delays: half of it with half the period."""
+    """The poles are exp(s T) of those of A + B K up to the hold's delay, which halves with the period."""
 
     def apart(period):
         F, N = loop.sampled_loop(CRAFT, FlexibleModeFilter(R=5e-7 / (period * 1e-7), period=period), certificate.K, at)
@@ -61,7 +61,7 @@ def test_sampled_loop_converges_to_the_continuous_loop(certificate, at):
 
 @pytest.mark.thorough
 def test_loop_matrix_is_a_convex_combination_of_vertices(certificate, at):
-    """The loop is affine in each coefficient by itself: at random inside, it is the mean of the corners, weighted."""
+    """The loop is affine in each coefficient: inside the box it is the weighted mean of the corners."""
     parts = np.random.default_rng(0).uniform(-1, 1, 5)
     L = certificate.observer.L
 
@@ -81,7 +81,7 @@ def test_loop_matrix_is_a_convex_combination_of_vertices(certificate, at):
 
 
 def test_modal_boxes_cover_their_range():
-    """Edges of neighbours meet, the outermost are the range's ends, and 2 zeta w is at its ends in every one."""
+    """Neighbouring boxes share edges, the outermost reach the range's ends, and each has both ends of 2 zeta w."""
     boxes = list(certified._modal_boxes(CRAFT, 0.03))
     assert len(boxes) == 9
     w = np.array([[[p.modes.w1, p.modes.w2] for p in box] for box in boxes]) / [CRAFT.modes.w1, CRAFT.modes.w2]
@@ -109,7 +109,7 @@ def test_shipped_loop_conditions_are_all_proved(certificate):
 
 @pytest.mark.thorough
 def test_loop_includes_integral_action(at):
-    """As the scenarios fly it: 22 and 15 states; poles of the whole are again those of gain and filter."""
+    """As in the scenarios: 22 and 15 states; the poles of the loop are those of gain and filter."""
     c = hypersonic.certificate(integral="true")
     A = loop.continuous_loop(CRAFT, CRAFT, c.K, c.observer.L, at)
     wanted = np.concatenate([c.poles, c.observer.poles])
@@ -126,7 +126,7 @@ def test_loop_includes_integral_action(at):
 @pytest.mark.thorough
 @pytest.mark.parametrize("filter", ["accurate", "printed"])
 def test_fragile_filters_are_not_proved_for_1_percent_mode_error(filter):
-    """They lose the vehicle, as flights do; the sampled loop of the exact model decays with each."""
+    """With these filters the vehicle is lost, as in flights; the sampled loop of the exact model still decays."""
     settings = {"filter": filter, "mode_error": 0.01}
     lines = proved(hypersonic.certificate(**settings), **settings)
     assert lines["the sampled loop decays"].holds
@@ -180,7 +180,7 @@ def test_flights_from_the_proved_level_converge_without_saturation(certificate, 
         return jnp.concatenate([jnp.stack([x[0], h_rate, x[1], x[2], x[4]]), x[5:9], z[5:9] - z[9:13]])
 
     def states(e):
-        """theta from h' = V sin gamma; the estimate from its error."""
+        """Return the states: theta from h' = V sin gamma, the estimate from its error."""
         theta = at.zeta[0] + e[3] + jnp.arcsin(e[1] / (at.V + e[2]))
         flight = jnp.stack([at.h + e[0], at.V + e[2], at.zeta[0] + e[3], theta, e[4]])
         return jnp.concatenate([flight, rest[5:9] + e[5:9], rest[5:9] + e[5:9] - e[9:]])

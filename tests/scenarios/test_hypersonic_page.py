@@ -1,4 +1,4 @@
-"""Every figure of docs/scenarios-hypersonic.md but those of the board: flown, printed, and found on the page."""
+"""Every figure of docs/scenarios-hypersonic.md except those of the board, recomputed and found on the page."""
 
 from functools import cache
 from pathlib import Path
@@ -24,14 +24,14 @@ STRUCK = 20.0
 
 
 def says(text):
-    """Print a statement, and find it on the page."""
+    """Print a statement and assert that the page contains it."""
     print(text)
     assert " ".join(text.split()) in " ".join(PAGE.read_text(encoding="utf-8").split())
 
 
 @cache
 def flown(name, **choices):
-    """One flight, seed 0, every 50 ms."""
+    """Return one flight, seed 0, every 50 ms."""
     scenario, rest = catalogue.load_scenario(f"hypersonic/{name}", choices)
     assert not rest
     return simulate(scenario, seed=0, log_period=ms(50))
@@ -42,7 +42,7 @@ def rms(x):
 
 
 def errors(log):
-    """Of altitude (ft) and speed (ft/s), rms after 20 s."""
+    """Return the rms errors of altitude (ft) and speed (ft/s) after 20 s."""
     late = log.t > 20
     return rms(log["law.h_error"][late]), rms(log["law.V_error"][late])
 
@@ -58,7 +58,7 @@ def test_climb_errors_match_the_page():
 
 @cache
 def batch(filter):
-    """20 seeds with noise of the large climb, and one without: errors of h, of V, elevator (deg), by run."""
+    """Return errors of h and V and the elevator (deg) of the large climb: 20 seeds with noise, then one without."""
     scenario, _ = catalogue.load_scenario("hypersonic/noise", {"filter": filter})
     spread = {NOISE: np.array([0.01] * len(SEEDS) + [0.0])}
     signals = ("law.h_error", "law.V_error", "actuators.u.delta_e")
@@ -69,7 +69,7 @@ def batch(filter):
 
 
 def moved(elevator):
-    """What noise adds in each of the seeds: rms of the difference from the climb without it, (smallest, largest)."""
+    """Return the smallest and largest rms over seeds of the difference from the climb without noise."""
     added = rms(elevator[:-1] - elevator[-1])
     return np.rad2deg(added.min()), np.rad2deg(added.max())
 

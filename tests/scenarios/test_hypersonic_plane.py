@@ -1,4 +1,4 @@
-"""The less kind truth: what is in it, that it is off by default, and that each of it can be switched off."""
+"""The choice `truth=plane`: its imperfections, off by default, and each can be disabled."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_plane_truth_imperfections_can_each_be_disabled():
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_plane_flight_has_servo_lag_and_turbulence():
-    """The elevator lags by what a servo of 100 rad/s does, 2 z/w, and the air is as rough as the specification says."""
+    """The elevator lags like a servo of 100 rad/s, by 2 z/w, and the turbulence is as specified."""
     log = simulate(scenario(truth="plane"), duration=seconds(20))
     asked, done = log["law.demand.delta_e"], log["actuators.u.delta_e"]
     lag = np.array([np.std(done[k:] - asked[: len(asked) - k]) for k in range(60)])

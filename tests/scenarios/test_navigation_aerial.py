@@ -1,4 +1,4 @@
-"""The figure of eight in the air: what it navigates by, how well, and what the outage does to each kind of aiding."""
+"""The aerial figure of eight: navigation accuracy, and the effect of the outage on each kind of aiding."""
 
 import jax
 import numpy as np
@@ -34,7 +34,7 @@ def errors(log):
 @pytest.mark.thorough
 @pytest.mark.parametrize("gnss", ["fixes", "ranges"])
 def test_navigation_errors_are_small_and_within_five_sigma(logs, gnss):
-    """From 3 s on, but for the outage: half a metre, a tenth of a metre a second, two degrees; four sigmas at most."""
+    """Bounds on position, velocity and attitude from 3 s on, except in the outage; always within five sigma."""
     t, error, sigma = errors(logs[gnss])
     seen = (t > 3) & ((t < 9) | (t > 13.5))
     for e, s, most in zip(error, sigma, (1.2, 0.3, 4 * DEG), strict=True):

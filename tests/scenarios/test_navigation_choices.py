@@ -1,4 +1,4 @@
-"""Each `--navigation` of the hovercraft: built and traced, one line in `list`, named in `--help`; flown for its page.
+"""Each `--navigation` of the hovercraft: building, `list` and `--help`, and the accuracy on its page.
 
 The table of docs/scenarios.md, Navigation systems, is printed, and compared with the page, by
 `pytest -n0 -s -m thorough tests/scenarios/test_navigation_choices.py`.
@@ -44,7 +44,7 @@ def test_every_navigation_kind_appears_in_list_and_help():
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_navigation_kind_estimates_the_states_of_the_law(kind):
-    """The whole loop is traced, nothing flies: parts that don't fit each other are refused here."""
+    """The full loop is only traced: mismatched parts would raise here."""
     scenario = build(NAME, {"navigation": kind})
     shapes = find_signals(scenario).shapes
     assert {f"estimate.state.{name}" for name in scenario.autopilot.law.reads} <= shapes.keys()
@@ -53,7 +53,7 @@ def test_every_navigation_kind_estimates_the_states_of_the_law(kind):
 
 @functools.cache
 def flown(kind):
-    """Per group of states root mean square error and NEES over its size, over seeds, from LATE on."""
+    """Return the rms error and the NEES per dimension of each group of states, over seeds, from LATE on."""
     logs = simulate_many(build(NAME, {"navigation": kind}), seeds=SEEDS, log_period=ms(10))
     errors, normalised = ({group: [] for group in GROUPS} for _ in range(2))
     for log in logs:

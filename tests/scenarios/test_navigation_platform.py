@@ -1,6 +1,6 @@
-"""The rotating platform of the source: errors of its filters, with covariances as printed.
+"""The rotating platform of the thesis: errors of its filters, with covariances as printed.
 
-Bands are regression bands around what this package gave; the printed figures are those of [1] table 6.7. Fitted to
+Bands are regression bands around results of this package; the printed figures are those of [1] table 6.7. Fitted to
 them: latencies 87 and 120 ms, tilt 0.49 deg. Errors are taken at the time that an estimate is of, the newest inertial
 sample's, after 10 s.
 
@@ -28,7 +28,7 @@ RUNS = 8
 
 @cache
 def flown(name, rates=(), **settings):
-    """Batch of RUNS seeds for each rate (deg/s), or at the scenario's own."""
+    """Return a batch of RUNS seeds for each rate (deg/s), or at the scenario's own rate."""
     scenario, rest = catalogue.load_scenario(f"navigation/{name}", {"covariance": "literal"} | settings)
     assert not rest
     seeds = list(range(RUNS)) * max(len(rates), 1)
@@ -148,7 +148,7 @@ def test_rig_turns_at_the_target_rate():
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(("beacons", "heading", "place"), [("4", 1.1, 0.95), ("2", 1.0, 1.05)])
 def test_single_ranges_are_more_accurate_than_fixes(beacons, heading, place):
-    """By these factors at least, over 16 flights: the heading with four beacons, the place with two left."""
+    """At least by these factors over 16 flights: heading with four beacons, position with two."""
 
     def errors(coupling):
         scenario, _ = catalogue.load_scenario("navigation/platform-ranging", {"coupling": coupling, "beacons": beacons})

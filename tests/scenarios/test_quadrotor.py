@@ -1,4 +1,4 @@
-"""quadrotor/track, whole flights: paths, upright again from upside down, and without each of its rotors."""
+"""quadrotor/track, whole flights: paths, recovery from upside down, and loss of each rotor."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_quadrotor_recovers_from_upside_down():
 @pytest.mark.thorough
 @pytest.mark.parametrize("rotor", ROTORS)
 def test_lost_rotor_keeps_the_quadrotor_near_its_place(rotor):
-    """Within 3 m of it in the first seconds, within 0.1 m from 6 s after the loss on, spinning 3 times a second."""
+    """Within 3 m in the first seconds, within 0.1 m from 6 s after the loss, spinning at about 3 Hz."""
     log = fly(trajectory="place", motor=f"{rotor}-fails")
     after = log.t > 2
     assert log.t[np.argmax(log["law.lost"])] < 2.1
@@ -68,7 +68,7 @@ def test_lost_rotor_hover_holds_for_25_seeds(rotor):
 @pytest.mark.thorough
 @pytest.mark.parametrize("rotor", ROTORS)
 def test_recovers_from_rotor_loss_on_the_circle(rotor):
-    """On the circle the third tips it over: with most seeds it is upside down a second later."""
+    """On the circle the loss of rotor 3 tips the craft over: with most seeds it is upside down a second later."""
     scenario = build("quadrotor/track", {"motor": f"{rotor}-fails"})
     logs = simulate_many(scenario, seeds=range(20), log_period=ms(20), signals=("law.distance",))
     assert max(log.between(2, 10)["law.distance"].max() for log in logs) < 5
@@ -97,7 +97,7 @@ def test_rejects_the_neural_law_with_a_lost_rotor():
 
 @pytest.mark.thorough
 def test_ideal_twin_keeps_the_vehicle_and_its_model():
-    """Drag and the motors' lag are the vehicle's; steps of the speeds and their limits are faults of its drives."""
+    """Drag and motor lag belong to the vehicle; speed steps and limits are imperfections of the drives."""
     flown = build("quadrotor/track")
     ideal = flown.ideal()
     ideal.check()

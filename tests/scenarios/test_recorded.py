@@ -1,4 +1,4 @@
-"""A log's scenario is built again: from the choices that it records, or, in an old one, from what its parts are."""
+"""Rebuilding a log's scenario from its recorded choices or, without them, from its parts."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ from trimtab.scenarios.recorded import rebuild_scenario
 
 
 def recorded(folder, scenario, /, **changes) -> Log:
-    """A log of a scenario, from its file, with some of its metadata changed."""
+    """Return a log of a scenario, read from its file, with changed metadata."""
     about = describe_scenario(scenario) | changes
     return read_mcap(
         write_mcap(Log(np.zeros(1), np.zeros(1, int), {"a.x": np.ones(1)}, {}, about), folder / "run.mcap")
@@ -44,7 +44,7 @@ def test_vehicle_log_is_rebuilt_with_its_dormant_faults(tmp_path):
 
 @pytest.fixture
 def builds(monkeypatch) -> list:
-    """What the catalogue was asked for."""
+    """List of the scenarios that the catalogue has built."""
     asked, load = [], catalogue.load_scenario
     monkeypatch.setattr(catalogue, "load_scenario", lambda *a: asked.append(a) or load(*a))
     return asked
@@ -96,7 +96,7 @@ def test_log_without_choices_is_rebuilt_from_its_parts(tmp_path):
 
 
 def test_rebuild_never_imports_code_named_by_a_log(tmp_path):
-    """A file, a module and a function that would end Python: each refused, each flown where a person names it."""
+    """A file, a module and a function that would end Python: each rejected, and a file is used if the user names it."""
     scenario, _ = catalogue.load_scenario("hovercraft/spin")
     own, mark = tmp_path / "own.py", tmp_path / "was run"
     own.write_text(

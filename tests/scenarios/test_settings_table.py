@@ -1,4 +1,4 @@
-"""Every setting, to look at."""
+"""The table of all settings of a scenario."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Hovercraft in formation: they form, they keep apart, each on what it knows; fast, alike on JAX and in C."""
+"""Hovercraft in formation: convergence, separation, decentralised commands, speed, and JAX against C."""
 
 import importlib.util
 import math
@@ -35,7 +35,7 @@ def benchmark():
 
 
 def nearest(log):
-    """The least distance by hand, from the truth."""
+    """Return the least distance between craft, from the truth."""
     north, east = log["truth.north"], log["truth.east"]
     apart = np.hypot(north[..., None] - north[:, None], east[..., None] - east[:, None])
     n = north.shape[1]
@@ -80,7 +80,7 @@ def test_ideal_twin_forms_and_is_measured():
 
 @pytest.mark.thorough
 def test_craft_without_messages_are_bit_for_bit_independent():
-    """The proof that the command is decentralised, on the whole loop: what is lost cannot be known."""
+    """With all messages lost, no craft depends on another: the command is decentralised on the full loop."""
     deaf = build("swarm/formation", {"craft": "3", "world.sensors.craft.radio.loss": "1"})
     east, third = np.array(deaf.initial.east), np.array([0, 0, 1.0])
     moved = replace(deaf, initial=replace(deaf.initial, east=east + 0.7 * third, heading=2 * third))

@@ -1,4 +1,4 @@
-"""Scenario files: what they say is what flies, and what is wrong in them is said with its line."""
+"""Scenario files: their content sets the scenario, and errors name the line."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""`vessel/path`: the way-points are passed in a current and over a radio, and what the settings change."""
+"""`vessel/path`: way-points in a current and over a radio, and the effect of settings."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def test_vessel_passes_all_waypoints_at_its_speed():
 
 @pytest.mark.thorough
 def test_zero_integral_gain_leaves_cross_track_error_in_current():
-    """By D tan(crab), crab the angle at which the vessel has to meet the current."""
+    """The error is D tan(crab), where crab is the angle of the vessel to the path in the current."""
     settings = {"duration": "125"}
     logs = {
         g: simulate(build("vessel/path", {**settings, "autopilot.law.integral_gain": g}).ideal()) for g in ("0.1", "0")
@@ -54,7 +54,7 @@ def test_each_choice_tracks_within_its_bound(settings, since, most):
 
 @pytest.mark.thorough
 def test_slow_rudder_makes_the_vessel_weave():
-    """Unstable in yaw: with a rudder of 2 degrees a second it weaves; the default does not."""
+    """The vessel is unstable in yaw: with a rudder rate of 2 deg/s it weaves, with the default it does not."""
     slow = simulate(build("vessel/path", {"world.vehicle.rudder_rate": "0.035"}), seed=0)
     quick = simulate(build("vessel/path"), seed=0)
     weave = [np.abs(np.asarray(log["truth.yaw_rate"])[log.t > 30]).max() for log in (slow, quick)]
