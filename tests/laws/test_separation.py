@@ -78,7 +78,7 @@ def fly(seed, n=6, steps=300, barrier=BARRIER):
 def test_chasing_points_keep_the_minimum_distance(seed):
     nearest, way = fly(seed)
     assert nearest >= BARRIER.distance - 1e-9
-    assert way > 0.2, "no motion: the test is void"
+    assert way > 0.2, "nobody moved: that proves nothing"
 
 
 @pytest.mark.thorough

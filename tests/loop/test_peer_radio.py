@@ -53,7 +53,7 @@ def test_loss_rate_matches_and_losses_are_independent_per_receiver():
     came = np.array([[[heard[k, r, (k - 2) % n] == k - 2] for r in range(n)] for k in range(2, slots)])[..., 0]
     others = np.array([[r != (k - 2) % n for r in range(n)] for k in range(2, slots)])
     assert came[others].mean() == pytest.approx(1 - loss, abs=4 * np.sqrt(loss * (1 - loss) / others.sum()))
-    assert not came[~others].any(), "a craft received its own message"
+    assert not came[~others].any(), "somebody heard itself"
     pairs = came[:, :2][others[:, 0] & others[:, 1]]
     assert abs(np.corrcoef(pairs.T)[0, 1]) < 4 / np.sqrt(len(pairs))
 

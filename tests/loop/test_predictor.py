@@ -132,7 +132,7 @@ def test_prediction_is_valid_after_the_first_valid_estimate():
     state, ahead = predict(predictor, np.int64(0), first(predictor), estimate(0, 0.0, still, valid=False))
     assert not bool(ahead.valid)
     state, ahead = predict(predictor, np.int64(ms(1)), state, estimate(ms(1), 0.0, still))
-    assert not bool(ahead.valid), "predicted without an estimate"
+    assert not bool(ahead.valid), "what was predicted from nothing"
     _, ahead = predict(predictor, np.int64(ms(20)), state, estimate(ms(20), 0.0, still))
     assert bool(ahead.valid)
 
