@@ -75,7 +75,7 @@ def test_roll_command_is_invariant_to_full_turns_of_bank(turns):
     assert float(one.roll_rate_command) == pytest.approx(-4 * 0.5)
 
 
-def test_load_and_roll_rate_commands_per_mode():
+def test_each_mode_commands_its_load_and_roll_rate():
     pulls = replace(LAW.init(key(0)), mode=np.int32(PULL))
     assert float(step(LAW, pulls, pitch=-0.3, altitude=200.0)[1].load_command) == 5.0
     rolls = replace(LAW.init(key(0)), mode=np.int32(ROLL))

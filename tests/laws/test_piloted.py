@@ -89,7 +89,7 @@ def steering(speed, k2=2.5):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("speed", [-0.8, -0.3, -0.1, 0.1, 0.4, 0.8])
-def test_damped_straight_drives_are_stable_and_their_sway_has_the_sign_of_surge(speed):
+def test_damped_straight_motion_is_stable_in_both_directions(speed):
     """det = d k2 s u_r/J, so that s u_r > 0 is necessary; with trace < 0 sufficient."""
     jacobian = steering(speed)
     s = 1.0 if speed > 0 else -0.5

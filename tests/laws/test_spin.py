@@ -50,7 +50,7 @@ def rate(law):
     return f
 
 
-def test_energy_identity_of_spin():
+def test_spin_law_satisfies_its_energy_identity():
     """[1, eq. 2.37], 1e-9."""
     law = ConstantSpin(0.7, 3.1, -2.2)
     x = RNG.uniform(-1, 1, (2000, 3)) * [2.0, 2.0, 8.0]
@@ -60,7 +60,7 @@ def test_energy_identity_of_spin():
 
 
 @pytest.mark.thorough
-def test_eigenvalues_at_the_good_point():
+def test_eigenvalues_at_the_good_point_match_published_values():
     """PI(0.5, 3.5; 3 rad/s), 1e-3."""
     A = jax.jacfwd(rate(ConstantSpin(0.5, 3.5, 3.0)))(jnp.array([0.0, 0.0, 3.0]))
     expected = np.sort_complex(np.array([-4.6751, -0.2984 + 2.6642j, -0.2984 - 2.6642j]))

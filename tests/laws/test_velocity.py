@@ -60,13 +60,13 @@ def eigenvalues(law):
 STATES = np.random.default_rng(0).uniform(-1, 1, (2000, 3)) * [2.0, 2.0, 8.0]
 
 
-def test_energy_identity_of_zero_velocity_law():
+def test_zero_velocity_law_satisfies_its_energy_identity():
     """[1, eq. 2.17], 1e-9: V' = -k1 u^2 - k2 (v - d r)^2."""
     u, v, r = STATES.T
     np.testing.assert_allclose(decay(ZeroVelocity(0.7, 3.1))(STATES), -0.7 * u**2 - 3.1 * (v - D * r) ** 2, atol=1e-9)
 
 
-def test_energy_identity_of_forward_momentum_law():
+def test_forward_momentum_law_satisfies_its_energy_identity():
     """[1, eq. 2.23] with lambda = 1 + kappa, 1e-9."""
     k1, k2, PXr = 0.7, 3.1, 1.9
     kappa = PXr / (k2 * D)
@@ -76,7 +76,7 @@ def test_energy_identity_of_forward_momentum_law():
     np.testing.assert_allclose(got, -k1 * (u - PXr / M) ** 2 - k2 * form, atol=1e-9)
 
 
-def test_energy_identity_of_matched_momentum_law():
+def test_matched_momentum_law_satisfies_its_energy_identity():
     """[1, eq. 2.29]: without cross terms, 1e-9."""
     k1, PXr = 0.7, 1.9
     u, v, r = STATES.T

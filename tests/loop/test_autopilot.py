@@ -39,7 +39,7 @@ def test_a_frame_gives_a_command_with_its_time():
     assert float(state.output.demand.v) == 5.0
 
 
-def test_without_a_sample_the_law_waits_and_the_command_is_not_valid():
+def test_missing_sample_holds_the_law_and_invalidates_the_command():
     first, second = fly(cart_autopilot(), frame(0, 0.0, valid=False), frame(SECOND, 1.0))
     assert (int(first.law), bool(first.command.valid)) == (0, False)
     assert (int(second.law), bool(second.command.valid)) == (1, True)

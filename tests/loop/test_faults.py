@@ -150,7 +150,7 @@ def test_stuck_sensor_repeats_its_value_with_new_times():
     assert out.fresh[ACTS].all()
 
 
-def test_stuck_link_repeats_the_whole_sample():
+def test_stuck_link_repeats_value_and_timestamp():
     out = channel("stuck")
     assert (out.t[ACTS] == (START - 1) * STEP).all()
     assert (out.value.distance[ACTS] == 100.0 + START - 1).all()

@@ -133,7 +133,7 @@ class Rounded:
     def init(self): ...
 
 
-def test_refuses_methods_that_take_other_arguments():
+def test_rejects_methods_with_wrong_arguments():
     with pytest.raises(
         InputError, match=r"test_own_code.py:\d+: step\(state\) must take \(t, state, input\)"
     ) as refused:

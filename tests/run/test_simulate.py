@@ -299,7 +299,7 @@ def test_rejects_a_seed_or_run_that_is_not_a_valid_integer(short, name, value):
 
 
 @pytest.mark.parametrize("value", ["0 s", "-1 ms", 0, "2 s"])
-def test_refuses_a_log_without_rows(short, value):
+def test_rejects_a_log_period_without_rows(short, value):
     with pytest.raises(InputError, match="must be above 0 s"):
         simulate(short, log_period=value)
 
@@ -312,7 +312,7 @@ def test_refuses_a_log_without_rows(short, value):
         (lambda s: replace(s, world=replace(s.world, uplink=Wire(period=50))), "too short"),
     ],
 )
-def test_refuses_integers_meant_as_seconds(short, change, said):
+def test_rejects_integers_meant_as_seconds(short, change, said):
     with pytest.raises(InputError, match=said):
         simulate(change(short))
 

@@ -132,7 +132,7 @@ def test_floored_proportional_has_no_steady_error():
 
 @pytest.mark.thorough("heading-proportional")
 @pytest.mark.parametrize("name", ["heading-bang-bang", "heading-proportional"])
-def test_moving_start_turns_up_to_five_radians(name):
+def test_moving_start_heading_settles_at_five_radians(name):
     """Fig. 6.11: from the slide the heading settles at 5 rad, not a full turn away."""
     log = ideal(name, ("initial", "moving"))
     assert log["truth.heading"][-1] == pytest.approx(5.0, abs=0.1)
