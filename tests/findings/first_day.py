@@ -338,7 +338,7 @@ FINDINGS = [
             "test_front_door.py::test_common_alternative_name_suggests_ours",
             "core/test_explain_call.py",
             "logs/test_log.py::test_unknown_attribute_error_suggests_a_replacement",
-            "loop/test_summary.py::test_a_missing_member_of_a_scenario_names_what_to_write",
+            "loop/test_summary.py::test_missing_scenario_member_error_says_what_to_write",
         ),
     ),
     Finding(

@@ -109,7 +109,7 @@ FINDINGS = [
         "V12",
         "log with a path, a list or null where a choice belongs",
         "replay opens the path; tracebacks",
-        partial(run_tests, "scenarios/test_recorded.py::test_metadata_of_the_wrong_kind_is_refused_by_field"),
+        partial(run_tests, "scenarios/test_recorded.py::test_invalid_log_metadata_is_rejected_by_field"),
     ),
     Finding(
         "V13",

@@ -28,12 +28,12 @@ def noncausal():
 
 @functools.cache
 def linear():
-    """The same by the linearisation at the start."""
+    """Return the same from the linearisation at the start."""
     return _internal.linear_table(CRAFT, CLIMB, SECONDS)
 
 
 def run(form, climb=CLIMB, every=1):
-    """Last state of a form, and zeta_d (n, 6) at each of T[::every]."""
+    """Return the last state of a form, and zeta_d (n, 6) at each of T[::every]."""
     steps = jax.jit(lambda form, climb: _scanned(form, climb, T[::every]), compiler_options=FAST_COMPILE_OPTIONS)
     state, zeta = steps(to_arrays(form), climb)
     return state, np.asarray(zeta)
@@ -44,5 +44,5 @@ def _scanned(form, climb, t):
 
 
 def miss(zeta, reference, every=1):
-    """Largest difference of each coordinate (6,), in scales."""
+    """Return the largest scaled difference of each coordinate (6,)."""
     return np.abs((zeta - reference[: len(T) : every]) / SCALES).max(axis=0)

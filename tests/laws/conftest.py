@@ -1,6 +1,6 @@
 """The ideal model: the hovercraft's equations closed with a law that reads the true state.
 
-The closed loop is compiled as a block, the law's numbers as its parameters: C is ready sooner than XLA's code.
+The closed loop is compiled as a C block, with the law's parameters as its own: C compiles faster than XLA.
 """
 
 import functools
@@ -28,7 +28,7 @@ def true_estimate(t, x):
 
 
 def sample(law, carry, every, h):
-    """The law each h s, its demand held; carry after `every` steps, and the output of the first."""
+    """Step the law each h s with held demand; return the carry after `every` steps and the first output."""
 
     def tick(_, carry):
         t, x, state = carry
@@ -41,7 +41,7 @@ def sample(law, carry, every, h):
 
 
 def integrate(law, carry, every, h):
-    """A law without memory inside the derivative."""
+    """Integrate with a memoryless law inside the derivative."""
 
     def rate(t, x):
         return PLANT.dynamics(t, x, law.step(0, (), true_estimate(0, x))[1].demand)
@@ -52,7 +52,7 @@ def integrate(law, carry, every, h):
 
 @functools.cache
 def compiled(advance, structure, every, h, rows):
-    """A block that gives the next rows, and their structure: (state, output)."""
+    """Return a block that gives the next rows, and their structure: (state, output)."""
     law = jax.tree.unflatten(structure, [0.0] * structure.num_leaves)
     x = HovercraftState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -75,7 +75,7 @@ def compiled(advance, structure, every, h, rows):
 
 
 def fly(advance, law, starts, steps, every, h):
-    """States and outputs: each leaf is (starts, rows)."""
+    """Return states and outputs; each leaf is (starts, rows)."""
     numbers, structure = jax.tree.flatten(law)
     count = steps // every
     size = ROWS if count % ROWS == 0 else 10
@@ -116,7 +116,7 @@ def continuous():
 
 @pytest.fixture(scope="session")
 def starts():
-    """make(u, v, r, heading=0): states from arrays that are stretched to one length."""
+    """make(u, v, r, heading=0): states from arrays broadcast to one length."""
 
     def make(u, v, r, heading=0.0):
         n = max(np.size(a) for a in (u, v, r, heading))

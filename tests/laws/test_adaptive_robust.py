@@ -40,7 +40,7 @@ def test_switching_opposes_s_and_stays_below_its_bound():
         np.testing.assert_allclose(np.linalg.norm(terms.u_s), bound * s / (s + 0.01), rtol=1e-12)
 
 
-def test_sign_takes_the_whole_bound_in_each_direction():
+def test_sign_switching_uses_the_full_bound_in_each_direction():
     terms = replace(ROBUST, switching="sign").terms(LEARNT, ERROR)
     np.testing.assert_allclose(np.abs(terms.u_s), 0.7 + 0.3 * sized(ERROR), rtol=1e-12)
     np.testing.assert_array_equal(np.sign(terms.u_s), -np.sign(terms.s))
@@ -48,8 +48,8 @@ def test_sign_takes_the_whole_bound_in_each_direction():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("sigma", [0.0, 0.5])
-def test_bounds_follow_their_differential_equation(sigma):
-    """[1] eqs. 16-18, mended; scipy integrates the same with a fading error."""
+def test_adaptive_bounds_follow_their_differential_equation(sigma):
+    """[1] eqs. 16-18, corrected; scipy integrates the same equations with a decaying error."""
     one = replace(ROBUST, switching="smooth", sigma=sigma, cap=1e3)
 
     def rates(t, rho):
@@ -65,7 +65,7 @@ def test_bounds_follow_their_differential_equation(sigma):
     np.testing.assert_allclose([state.rho0, state.rho1], wanted, rtol=2e-3)
 
 
-def test_bounds_stop_at_the_cap_and_never_fall_below_zero():
+def test_adaptive_bounds_stay_between_zero_and_the_cap():
     one = replace(ROBUST, switching="smooth", cap=0.9, sigma=0.0)
     state = one.adapt(100.0, LEARNT, ERROR, np.array(one.BP) @ ERROR)
     assert float(state.rho0) == 0.9
@@ -73,7 +73,7 @@ def test_bounds_stop_at_the_cap_and_never_fall_below_zero():
     assert float(leaky.adapt(1.0, LEARNT, ERROR, np.zeros(2)).rho0) == 0.0
 
 
-def test_switched_off_nothing_is_learnt():
+def test_disabled_law_does_not_adapt():
     state = ROBUST.adapt(1.0, LEARNT, ERROR, np.array(ROBUST.BP) @ ERROR)
     assert state is LEARNT
     terms = ROBUST.terms(LEARNT, ERROR)
@@ -91,6 +91,6 @@ def test_switched_off_nothing_is_learnt():
         ({"damping": "plus"}, "not a choice"),
     ],
 )
-def test_wrong_values_are_refused(changes, says):
+def test_rejects_invalid_values(changes, says):
     with pytest.raises(InputError, match=says):
         check_values({"robust": replace(ROBUST, **changes)})

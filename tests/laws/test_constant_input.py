@@ -1,4 +1,4 @@
-"""The law that wants the same input all the time."""
+"""The law with a constant demand."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from trimtab.run.simulate import simulate
 from trimtab.scenarios.build import build
 
 
-def test_it_wants_what_it_was_given_whatever_is_estimated():
+def test_demand_is_constant_for_any_estimate():
     law = ConstantInput(PlanarForce(1.5, -0.5))
     for estimate in (None, PlanarForce(np.nan, np.nan)):
         state, output = law.step(0, law.init(None), estimate)
@@ -20,7 +20,7 @@ def test_it_wants_what_it_was_given_whatever_is_estimated():
 
 
 @pytest.mark.thorough
-def test_a_schedule_changes_it_in_flight():
+def test_schedule_changes_the_constant_input_in_flight():
     own = build("hovercraft/forward", {"duration": "0.4"})
     held = replace(own, autopilot=replace(own.autopilot, law=ConstantInput(PlanarForce(0.0, 0.0)), schedules=()))
     _, schedules = split_schedules({"autopilot.law.u0.FX": "steps(0 s: 0.5, 0.2 s: -0.25)"})

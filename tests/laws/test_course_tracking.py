@@ -1,4 +1,4 @@
-"""Feedforward beside feedback: by hand between nodes, past the ends, and flown along a non-minimum phase output."""
+"""Course tracking by feedforward and feedback: interpolation, ends, and flights along a non-minimum phase output."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ LAW = CourseTracking(
 )
 
 
-def test_between_nodes_and_past_the_last_by_hand():
+def test_interpolates_between_nodes_and_holds_past_the_end():
     state, demands = LAW.init(None), []
     for _ in range(8):
         estimate = Estimate(t=0, age=0.0, fresh=True, valid=True, state=PlanarState(0.5, 1.0, 0.0, 0.0), dt=0.1)
@@ -35,7 +35,7 @@ def test_between_nodes_and_past_the_last_by_hand():
     assert demands[5] == demands[7] == pytest.approx((0.3 + 2.0 + 0.5, 1.0 + 2.0 - 12.0))
 
 
-def test_a_course_that_does_not_fit_its_gain_is_refused():
+def test_rejects_a_course_that_does_not_match_its_gain():
     LAW.check()
     with pytest.raises(InputError, match=r"give x \(k, 4\)"):
         replace(LAW, x=np.zeros((3, 5))).check()
@@ -44,8 +44,8 @@ def test_a_course_that_does_not_fit_its_gain_is_refused():
 
 
 @pytest.mark.thorough
-def test_flown_it_follows_within_millimetres_what_a_change_of_the_set_point_misses_by_far():
-    """Half a metre in 1.5 s, against a zero of +4.4 1/s, over 10 ms of delay, which are most of what is left."""
+def test_course_feedforward_tracks_better_than_a_setpoint_change():
+    """Half a metre in 1.5 s with a zero at +4.4 1/s; the 10 ms of delay cause most of the remaining error."""
     flown = scenario()
     law = flown.autopilot.law
     wanted = None
@@ -66,8 +66,8 @@ def test_flown_it_follows_within_millimetres_what_a_change_of_the_set_point_miss
 
 
 @pytest.mark.thorough
-def test_an_f16_climbs_by_its_elevator_as_computed_and_not_so_by_its_altitude_alone():
-    """30 m in 4 s, a zero of +13.8 1/s, instruments without errors; surfaces lag, and the loop is 10 ms late."""
+def test_f16_climb_tracks_better_with_the_full_course():
+    """30 m in 4 s, a zero at +13.8 1/s, instruments without errors, lagging surfaces, 10 ms of loop delay."""
     from examples import f16_climb
 
     flown = f16_climb.scenario()

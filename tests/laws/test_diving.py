@@ -1,4 +1,4 @@
-"""Depth and heading autopilots: signs, limits, and a depth that is reached without error in a vehicle that rises."""
+"""Depth and heading autopilots: signs, limits, and zero steady depth error of a buoyant vehicle."""
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +27,7 @@ def ask(law, *, depth=5.0, pitch=0.0, heading=0.0, u=1.76, q=0.0, r=0.0, steps=1
 
 
 def dive(law, seconds, torpedo=None):
-    """Rows of depth, heading, stern planes and reference."""
+    """Return rows of depth, heading, stern planes and reference."""
     torpedo, sensor = torpedo or Torpedo(), DiveSensor()
 
     @jax.jit
@@ -46,7 +46,7 @@ def dive(law, seconds, torpedo=None):
     return np.array(rows, float)
 
 
-def test_signs():
+def test_pitch_stern_and_rudder_commands_have_correct_signs():
     law = Diving(depth=5.0, heading=0.3, steering=replace(Diving().steering, ki=0.0))
     _, out = ask(law, depth=3.0, steps=5)
     assert out.pitch_command < 0, "to go deeper the nose goes down"
@@ -57,7 +57,7 @@ def test_signs():
 
 
 @pytest.mark.thorough
-def test_reference_goes_no_faster_than_it_may_and_starts_where_it_is():
+def test_depth_reference_is_rate_limited_and_starts_at_current_depth():
     _, out = ask(Diving(depth=5.0, climb=0.25), depth=3.0, steps=40)
     assert float(out.depth_reference) == pytest.approx(3.0 + 40 * 0.25 * DT), "of a reading that stands still"
     rows = dive(Diving(depth=5.0, climb=0.25), 4)
@@ -65,7 +65,7 @@ def test_reference_goes_no_faster_than_it_may_and_starts_where_it_is():
 
 
 @pytest.mark.thorough
-def test_depth_and_heading_are_reached_though_it_is_lighter_than_water():
+def test_positively_buoyant_vehicle_reaches_depth_and_heading():
     rows = dive(Diving(depth=5.0, heading=0.5), 80)
     assert rows[-1, 0] == pytest.approx(5.0, abs=0.02)
     assert rows[-1, 1] == pytest.approx(0.5, abs=0.01)
@@ -75,7 +75,7 @@ def test_depth_and_heading_are_reached_though_it_is_lighter_than_water():
     assert abs(held[-1, 0] - 5.0) > 0.1, "without integrals it does not"
 
 
-def test_limits_and_waiting_integrals():
+def test_commands_are_limited_and_integrals_held_at_limits():
     law = Diving(depth=50.0, climb=100.0, steepest=0.2, limit=0.1)
     state, out = ask(law, depth=0.0, steps=50)
     assert float(out.pitch_command) == pytest.approx(-0.2)
@@ -83,7 +83,7 @@ def test_limits_and_waiting_integrals():
     assert float(state.pitch_integral) == 0.0
 
 
-def test_planes_go_with_the_inverse_square_of_the_speed():
+def test_plane_angles_scale_with_inverse_square_of_speed():
     law = replace(Diving(depth=5.0), kz=0.0, kzi=0.0, ki=0.0, speed=2.0, slowest=1.0)
     assert float(ask(law, pitch=0.05, u=2.0)[1].demand.stern) == pytest.approx(0.05)
     assert float(ask(law, pitch=0.05, u=1.0)[1].demand.stern) == pytest.approx(0.2)

@@ -1,4 +1,4 @@
-"""A craft of a formation: its place, the leader's route, and a command of nothing but what it knows."""
+"""A craft of a formation: its place, the leader's route, and a decentralised command."""
 
 import jax
 import numpy as np
@@ -21,7 +21,7 @@ QUICK = replace(ALONE, separation=Separation(distance=0.5, speed=3.0))
 
 
 def view(own, stamps, points, velocities=None):
-    """An estimate out of a place (2,), and messages."""
+    """Return an estimate from a place (2,) and messages."""
     points = np.asarray(points, float)
     velocities = np.zeros_like(points) if velocities is None else np.asarray(velocities, float)
     state = PlanarPoseState(0.0, 0.0, 0.0, 0.0, *own)
@@ -33,7 +33,7 @@ def estimate(t, state):
 
 
 def follow(law, lead, lateness, seconds):
-    """Way from the point to its place over time, (n,), behind a leader at lead(t) -> place, velocity."""
+    """Return the distance to the place over time (n,), behind a leader at lead(t) -> place, velocity."""
     state, ways, step = law.init(None), [], jax.jit(law.step)
     for k in range(round(seconds / 0.02)):
         t = k * STEP
@@ -48,7 +48,7 @@ def follow(law, lead, lateness, seconds):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("lateness", [0, ms(700)])
-def test_behind_a_steady_leader_the_way_to_the_place_dies_away_however_late_messages_are(lateness):
+def test_position_error_decays_behind_a_steady_leader_despite_delay(lateness):
     def lead(t):
         return np.array([0.1 * t, -0.05 * t]), np.array([0.1, -0.05])
 
@@ -61,7 +61,7 @@ def test_behind_a_steady_leader_the_way_to_the_place_dies_away_however_late_mess
 
 
 @pytest.mark.thorough
-def test_a_leader_on_a_circle_is_followed_to_the_bound_of_the_page():
+def test_error_behind_a_circling_leader_stays_within_documented_bound():
     pace, radius, age = 0.1, 4.0, 0.5
 
     def lead(t):
@@ -74,7 +74,7 @@ def test_a_leader_on_a_circle_is_followed_to_the_bound_of_the_page():
 
 
 @pytest.mark.thorough
-def test_the_leader_goes_round_and_tells_where_its_point_is():
+def test_leader_circles_and_sends_its_reference_point():
     law = Formation(radius=3.0, leader_speed=0.15)
     state, step = law.init(None), jax.jit(law.step)
     for k in range(3000):
@@ -89,7 +89,7 @@ def test_the_leader_goes_round_and_tells_where_its_point_is():
 
 
 @pytest.mark.thorough
-def test_nothing_moves_before_everybody_is_heard_or_while_the_craft_lags():
+def test_leader_waits_for_all_messages_and_for_lagging_craft():
     law = replace(ALONE, waiting_distance=0.5)
     state, _ = law.step(np.int64(0), law.init(None), estimate(0, view((1, 1), [NEVER, NEVER], np.zeros((2, 2)))))
     silent, _ = law.step(np.int64(STEP), state, estimate(STEP, view((1, 1), [NEVER, STEP], np.zeros((2, 2)))))
@@ -101,8 +101,8 @@ def test_nothing_moves_before_everybody_is_heard_or_while_the_craft_lags():
 
 
 @pytest.mark.thorough
-def test_a_command_depends_on_the_craft_s_own_estimate_and_messages_alone():
-    """The derivative of each one's demand by each one's estimate and messages: a block for each craft, else zeros."""
+def test_command_depends_only_on_own_estimate_and_messages():
+    """The derivative of the demands by estimates and messages is block diagonal, one block per craft."""
     n, rng = 4, np.random.default_rng(5)
     law = Each(replace(ALONE, number=np.arange(n, dtype=np.int32)), n, ("number",))
     state = law.init(key(0))
@@ -128,6 +128,6 @@ def test_a_command_depends_on_the_craft_s_own_estimate_and_messages_alone():
     assert seen > 5 * n
 
 
-def test_a_leader_that_nobody_could_follow_is_refused():
+def test_rejects_a_leader_faster_than_its_followers():
     with pytest.raises(InputError, match=r"must be below separation\.speed"):
         Formation(leader_speed=0.4).check()

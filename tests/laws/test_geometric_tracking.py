@@ -1,4 +1,4 @@
-"""Geometric tracking: its publication's two flights and its propositions, by derivatives and by whole flights."""
+"""Geometric tracking: the two flights and the propositions of its publication."""
 
 import functools
 
@@ -21,20 +21,20 @@ STEP = 1e-3
 
 
 def hands(craft, demand):
-    """Rotor speeds that give just what is demanded: the publication has no limits, nor a lag."""
+    """Return the rotor speeds for exactly this demand: the publication has no limits and no lag."""
     return RotorSpeeds(
         craft.rotors.speeds(jnp.linalg.inv(craft.rotors.effectiveness()) @ jnp.append(demand.thrust, demand.moment))
     )
 
 
 def closed_loop(law, t, x):
-    """The derivative of the state under the law without delay."""
+    """Return the derivative of the state under the law without delay."""
     return CRAFT.dynamics(t, x, hands(CRAFT, law.track(law.reference.at(t), x).demand))
 
 
 @functools.cache
 def flights():
-    """A compiled flight of 10 s: states and outputs every millisecond."""
+    """Return a compiled flight of 10 s: states and outputs every millisecond."""
 
     def fly(law, x):
         def step(x, k):
@@ -49,13 +49,13 @@ def flights():
 
 
 def upside_down():
-    """The first state of the publication's second flight: R(0) = [1 0 0; 0 -0.9995 -0.0314; 0 0.0314 -0.9995]."""
+    """Return the initial state of the second published flight: R(0) = [1 0 0; 0 -0.9995 -0.0314; 0 0.0314 -0.9995]."""
     R = np.array([[1, 0, 0], [0, -0.9995, -0.0314], [0, 0.0314, -0.9995]])
     return replace(CRAFT.hover(), attitude=np.asarray(quaternion.normalise(quaternion.from_matrix(jnp.asarray(R)))))
 
 
 def draw_state(rng, law, t):
-    """A state within reach of what is wanted at t: the attitude less than 90 degrees off."""
+    """Return a random state near the reference at t, with an attitude error below 90 degrees."""
     x = MultirotorState(
         np.asarray(law.reference.at(t).place) + rng.uniform(-0.5, 0.5, 3),
         rng.uniform(-1, 1, 3),
@@ -79,7 +79,7 @@ def attitude_errors(law, t, x):
 
 
 def along_flow(law, t, x):
-    """The errors, and their derivatives on the closed loop: exact, through every derivative that the law writes out."""
+    """Return the errors and their exact derivatives on the closed loop."""
 
     def at(s):
         flow = closed_loop(law, t, x)
@@ -90,8 +90,8 @@ def along_flow(law, t, x):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("law", [HELIX, GeometricTracking(reference=LevelPath())], ids=["helix", "circle"])
-def test_errors_of_attitude_obey_the_equations_of_the_proof(law):
-    """J eW' = -kR eR - kW eW and Psi' = eR·eW [eqs. 12, 17]: so all of Rc' and Rc'' is right."""
+def test_attitude_errors_obey_the_equations_of_the_proof(law):
+    """J eW' = -kR eR - kW eW and Psi' = eR·eW [eqs. 12, 17], which requires correct Rc' and Rc''."""
     follow = jax.jit(functools.partial(along_flow, law))
     for seed in range(20):
         rng = np.random.default_rng(seed)
@@ -103,8 +103,8 @@ def test_errors_of_attitude_obey_the_equations_of_the_proof(law):
 
 
 @pytest.mark.thorough
-def test_the_helix_of_the_publication():
-    """From rest at the origin, 0.6 m off: Psi below 1 from the start, all errors gone exponentially."""
+def test_published_helix_errors_decay_exponentially():
+    """From rest at the origin, 0.6 m off: Psi stays below 1 and all errors decay exponentially."""
     _, out = flights()(HELIX, CRAFT.hover())
     psi, distance = np.asarray(out.attitude_error), np.asarray(out.distance)
     assert psi[0] < 1
@@ -117,8 +117,8 @@ def test_the_helix_of_the_publication():
 
 
 @pytest.mark.thorough
-def test_the_recovery_of_the_publication():
-    """From upside down, Psi = 1.9995: upright in under two seconds, and back at its place. It falls in between."""
+def test_published_recovery_from_upside_down_succeeds():
+    """From upside down, Psi = 1.9995: upright within two seconds and back at its place, after losing height."""
     x, out = flights()(GeometricTracking(reference=FixedPlace()), upside_down())
     psi = np.asarray(out.attitude_error)
     assert psi[0] == pytest.approx(1.9995, abs=1e-4)
@@ -132,8 +132,8 @@ def test_the_recovery_of_the_publication():
 
 
 @pytest.mark.thorough
-def test_psi_decays_as_the_first_proposition_bounds_it():
-    """A place, so that position and attitude part: log Psi falls on the whole at a rate of its own linear modes."""
+def test_attitude_error_decays_at_the_linear_rate():
+    """At a fixed place position and attitude decouple; log Psi falls at the rate of the slowest linear mode."""
     law = GeometricTracking(reference=FixedPlace())
     start = replace(CRAFT.hover(), attitude=np.array([np.cos(0.4), 0.0, 0.0, np.sin(0.4)]))
     _, out = flights()(law, start)
@@ -145,7 +145,7 @@ def test_psi_decays_as_the_first_proposition_bounds_it():
 
 
 @pytest.mark.thorough
-def test_the_command_is_a_rotation_with_its_rates():
+def test_attitude_command_is_a_rotation_matrix():
     rng, law = np.random.default_rng(4), HELIX
     x = draw_state(rng, law, 1.0)
     command = command_attitude(
@@ -155,7 +155,7 @@ def test_the_command_is_a_rotation_with_its_rates():
     assert np.linalg.det(np.asarray(command.R)) == pytest.approx(1)
 
 
-def test_at_the_reference_it_bears_the_weight_with_the_nose_where_wanted():
+def test_hover_at_reference_balances_weight_without_moment():
     law = GeometricTracking(reference=FixedPlace((1.0, -2.0, -5.0), heading=0.8))
     out = law.track(law.reference.at(0.0), CRAFT.hover((1.0, -2.0, -5.0), heading=0.8))
     assert out.demand.thrust == pytest.approx(4.34 * 9.81)
@@ -165,7 +165,7 @@ def test_at_the_reference_it_bears_the_weight_with_the_nose_where_wanted():
     assert turned.demand.moment[2] > 0
 
 
-def test_the_longest_correction_bounds_the_force():
+def test_position_correction_force_is_bounded():
     law = GeometricTracking(reference=FixedPlace(), most=25.0)
     far = replace(CRAFT.hover(), position=np.array([100.0, 0, 0]))
     R = np.eye(3)
@@ -179,7 +179,7 @@ def test_the_longest_correction_bounds_the_force():
 
 
 @pytest.mark.thorough
-def test_flown_angles_are_those_of_the_command_in_the_end():
+def test_final_heading_matches_the_commanded_heading():
     x, _ = flights()(HELIX, CRAFT.hover())
     heading = np.asarray(to_euler(quaternion.to_matrix(x.attitude[-1])))[2]
     assert np.cos(heading - np.pi * 9.999) == pytest.approx(

@@ -1,4 +1,4 @@
-"""Ground avoidance: its modes by a plain automaton in the test, its feedback by matrices, its gains by their design."""
+"""Ground avoidance: mode transitions, feedback by matrices, and gains by their design."""
 
 import jax
 import numpy as np
@@ -49,14 +49,14 @@ def modes(law, flight):
     return said
 
 
-def test_it_acts_below_the_deck_and_nose_down_only():
+def test_acts_only_below_the_deck_with_nose_down():
     low, up, down = {"altitude": 304.0}, {"pitch": 0.1}, {"pitch": -0.1}
     assert modes(LAW, [up, low | up, down, low | down]) == [STANDBY, STANDBY, STANDBY, ROLL]
     assert LAW.deck == pytest.approx(1000 * FOOT)
 
 
 @pytest.mark.thorough
-def test_it_pulls_once_the_wings_are_level_and_stops_when_the_nose_is_up():
+def test_pulls_up_after_wings_level_until_nose_is_up():
     dive = {"altitude": 200.0, "pitch": -0.3}
     banked, rolling = {"roll": 0.5}, {"roll_rate": 0.3}
     assert modes(LAW, [dive | banked, dive | banked, dive | rolling, dive]) == [ROLL, ROLL, ROLL, PULL]
@@ -67,7 +67,7 @@ def test_it_pulls_once_the_wings_are_level_and_stops_when_the_nose_is_up():
 
 
 @pytest.mark.parametrize("turns", [-2, -1, 1, 2])
-def test_a_full_turn_of_bank_changes_nothing(turns):
+def test_roll_command_is_invariant_to_full_turns_of_bank(turns):
     dive = {"altitude": 200.0, "pitch": -0.3, "roll": 0.5}
     state = replace(LAW.init(key(0)), mode=np.int32(ROLL))
     one, other = (step(LAW, state, **dive | {"roll": 0.5 + 2 * np.pi * n})[1] for n in (0, turns))
@@ -75,7 +75,7 @@ def test_a_full_turn_of_bank_changes_nothing(turns):
     assert float(one.roll_rate_command) == pytest.approx(-4 * 0.5)
 
 
-def test_what_is_asked_for():
+def test_each_mode_commands_its_load_and_roll_rate():
     pulls = replace(LAW.init(key(0)), mode=np.int32(PULL))
     assert float(step(LAW, pulls, pitch=-0.3, altitude=200.0)[1].load_command) == 5.0
     rolls = replace(LAW.init(key(0)), mode=np.int32(ROLL))
@@ -84,7 +84,7 @@ def test_what_is_asked_for():
     assert float(step(LAW, rolls, roll=1.0, roll_rate=-0.5)[1].roll_rate_command) == pytest.approx(-4 + 1)
 
 
-def test_feedback_is_trim_less_gains_times_errors():
+def test_surfaces_are_trim_minus_gain_times_error():
     control, rng = LoadFactorControl(), np.random.default_rng(0)
     for _ in range(20):
         z = rng.normal(size=8)
@@ -96,7 +96,7 @@ def test_feedback_is_trim_less_gains_times_errors():
         np.testing.assert_allclose([u.aileron, u.rudder], -control.lateral @ aside, rtol=1e-12)
 
 
-def test_integrals_gather_errors():
+def test_integrals_accumulate_load_and_rate_errors():
     state = LAW.init(key(0))
     for _ in range(100):
         state, output = step(LAW, state, normal_load=1.5, roll_rate=0.1, yaw_rate=0.2, side_load=-0.05)
@@ -107,8 +107,8 @@ def test_integrals_gather_errors():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("weights", "law"), [("published", LAW), ("actuators", FOR_ACTUATORS)])
-def test_gains_are_those_of_the_design(weights, law):
-    """Trim, linear model and Riccati equation, from the vehicle: to the figures that the law has."""
+def test_gains_match_the_lqr_design(weights, law):
+    """Trim, linear model and Riccati equation of the vehicle, to the digits of the law."""
     design = design_load_factor_control(weights)
     np.testing.assert_allclose(law.control.longitudinal, -design.along.K[0], atol=1e-7)
     np.testing.assert_allclose(law.control.lateral, -design.aside.K, atol=1e-7)

@@ -23,7 +23,7 @@ def eps(reference):
 
 
 def step(law, mode, reference, e, r=0.0, v=0.0, valid=True, switches=5):
-    """One step at heading error e, yaw rate r and sway velocity v, from the given state."""
+    """Return one step at heading error e, yaw rate r and sway velocity v, from the given state."""
     before = HeadingLawState(np.int32(mode), np.int32(switches), np.float64(reference))
     estimate = Estimate(t=0, age=0.0, fresh=True, valid=valid, state=PlanarState(0.0, v, r, law.target + e))
     after, output = law.step(0, before, estimate)
@@ -35,13 +35,13 @@ def step(law, mode, reference, e, r=0.0, v=0.0, valid=True, switches=5):
 
 
 def demands(law, mode, reference, estimate):
-    """The force that the mode's own law asks for."""
+    """Return the force demanded by the law of the mode."""
     part = law.damping if mode == DAMP else replace(law.turning, reference=reference)
     return part.step(0, (), estimate)[1]
 
 
 def asked(law, e):
-    """Reference at the start of a turn."""
+    """Return the reference at the start of a turn."""
     if isinstance(law, HeadingBangBang):
         return -np.sign(e) * law.turn_rate
     return -np.sign(e) * (max(0.8, law.k * abs(e)) if law.form == "floored" else law.k * abs(e))
@@ -83,7 +83,7 @@ def test_turn_goes_to_damp_within_tolerance_or_once_past_the_target(law):
 
 @pytest.mark.parametrize("law", LAWS, ids=IDS)
 @pytest.mark.parametrize("mode", [DAMP, TURN])
-def test_nothing_moves_while_the_estimate_is_not_valid(law, mode):
+def test_invalid_estimate_holds_mode_and_reference(law, mode):
     for e in (0.9, 0.0, -0.9):
         after, _, _ = step(law, mode, -1.1, e, valid=False)
         assert int(after.mode) == mode
@@ -123,7 +123,7 @@ def test_floored_reference_falls_only_with_a_margin_but_rises_at_any_time():
     assert float(step(law, TURN, reference, -0.1, r=2.0, v=v)[0].spin_reference) > reference
 
 
-def test_wrapping():
+def test_heading_error_follows_each_wrapping_rule():
     """The three readings of e; [1] figure 6.11 turns from 0 to 5 rad the long way, which only `shortest` would not."""
     for heading, target, shortest, none, modulo in (
         (0.0, 5.0, 2 * np.pi - 5.0, -5.0, -5.0),
@@ -135,7 +135,7 @@ def test_wrapping():
             assert float(heading_error(wrapping, heading, target)) == pytest.approx(e, abs=1e-12)
 
 
-def test_checks():
+def test_rejects_targets_outside_the_modulo_range():
     for law in LAWS:
         law.check()
         replace(law, wrapping="modulo", target=5.0).check()
@@ -145,7 +145,7 @@ def test_checks():
                 replace(law, wrapping="modulo", target=target).check()
 
 
-def test_first_state_damps():
+def test_initial_state_is_damp_without_reference():
     for law in LAWS:
         state = law.init(key(0))
         assert (int(state.mode), int(state.switches), float(state.spin_reference)) == (DAMP, 0, 0.0)
@@ -161,7 +161,7 @@ def random_starts(starts):
 def test_ideal_bang_bang_chatters_at_the_tolerance(sampled, starts):
     """Ideal, [1] figure 6.12: |e| in 0.012 to 0.02 rad.
 
-    And the extremes to 1 %; they are peaks at switches, 1 % larger where logged each 5 ms instead of 10.
+    Extremes within 1 %; they are peaks at switches, 1 % larger if logged each 5 ms instead of 10.
     """
     x, o = sampled(HeadingBangBang(target=1.0, turn_rate=1.5), starts(0.0, 0.0, 0.0), 30.0, every=10)
     assert 0.012 < abs(float(o.heading_error[0, -1])) < 0.02
@@ -186,8 +186,8 @@ def test_ideal_literal_freezes_at_the_bad_limit_point(sampled, starts):
 
 
 @pytest.mark.thorough
-def test_literal_freezes_nearly_always(sampled, random_starts):
-    """At 60 s most runs turn no more, far from the target (tests/oracles/hovercraft.py: 97 %, median 16 degrees)."""
+def test_ideal_literal_freezes_from_most_random_starts(sampled, random_starts):
+    """At 60 s most runs have stopped far from the target (tests/oracles/hovercraft.py: 97 %, median 16 degrees)."""
     x, o = sampled(HeadingProportional(form="literal"), random_starts, 60.0, every=10)
     late = np.abs(np.asarray(o.heading_error))[:, 5000:]
     frozen = (np.abs(np.asarray(x.yaw_rate))[:, 5000:].max(1) < 0.05) & (late.min(1) > 2 * TOL)
@@ -214,8 +214,8 @@ def test_default_forms_hold_the_heading(law, sampled, random_starts):
 
 
 @pytest.mark.thorough
-def test_a_fast_bang_bang_can_swing_for_ever(sampled, random_starts):
-    """What the docstring warns of: at 3 rad/s a third of the starts that settle at 1 rad/s pass 90 degrees for good."""
+def test_fast_bang_bang_can_oscillate_forever(sampled, random_starts):
+    """Known from the docstring: at 3 rad/s a third of the starts that settle at 1 rad/s keep passing 90 degrees."""
     _, o = sampled(HeadingBangBang(turn_rate=3.0), random_starts, 60.0, every=10)
     swings = np.abs(np.asarray(o.heading_error))[:, 5000:].max(1) > np.pi / 2
     assert 20 <= swings.sum() <= 50

@@ -1,4 +1,4 @@
-"""Internal states from a few seconds' preview, against the bounded solution that knows everything.
+"""Internal states from a few seconds of preview, against the bounded solution of the whole command.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -30,8 +30,8 @@ def default():
 
 
 @pytest.mark.thorough
-def test_four_seconds_give_the_bounded_solution(default):
-    """Large climb, 5 ms: largest differences in scales, over all of it and the step too; all below 4e-6."""
+def test_four_second_preview_matches_the_bounded_solution(default):
+    """Large climb, 5 ms: largest scaled differences over the whole climb with its step, all below 4e-6."""
     state, zeta = default
     assert bool(state.found)
     got = miss(zeta, noncausal()[1].solution.zeta)
@@ -39,15 +39,15 @@ def test_four_seconds_give_the_bounded_solution(default):
 
 
 @pytest.mark.thorough
-def test_it_moves_before_the_command_does(default):
+def test_internal_state_moves_before_the_command(default):
     zeta = default[1]
     assert abs(zeta[950, 0] - zeta[0, 0]) > 3e-7
     assert CLIMB.at(4.76).h == H0
 
 
 @pytest.mark.thorough
-def test_a_shorter_horizon_costs_what_the_unstable_mode_says():
-    """What is wrong at its end comes back times e^(-3.289 H): 1 s more is 27 times less, until other errors show."""
+def test_horizon_error_decays_at_the_unstable_mode_rate():
+    """The end error falls by e^(-3.289 H), 27 times per second of horizon, until other errors dominate."""
     one, two = (
         miss(run(form(horizon=h, intervals=n), every=4)[1], noncausal()[1].solution.zeta, 4)[0]
         for h, n in ((1.0, 20), (2.0, 40))
@@ -57,7 +57,7 @@ def test_a_shorter_horizon_costs_what_the_unstable_mode_says():
 
 
 def test_weights_integrate_a_ramp_exactly():
-    """Against scipy's matrix exponential; nothing for no time."""
+    """Against scipy's matrix exponential; zero for a step of zero."""
     poles = np.array([-3.0 + 0j, -0.34 + 18.5j])
     o = np.zeros((2, 2, 2))
     modes = FadingModes(poles.real, poles.imag, o, o)
@@ -72,7 +72,7 @@ def test_weights_integrate_a_ramp_exactly():
 
 
 @pytest.mark.thorough
-def test_asked_twice_at_one_instant_it_says_the_same():
+def test_repeated_step_at_one_instant_gives_same_result():
     f = form(intervals=10)
     state, _ = STEP(f, 5.2, f.init(None), CLIMB)
     again, zeta = STEP(f, 5.2, state, CLIMB)
@@ -81,14 +81,14 @@ def test_asked_twice_at_one_instant_it_says_the_same():
 
 
 @pytest.mark.thorough
-def test_what_it_cannot_fly_is_said_and_stays_finite():
+def test_infeasible_climb_is_flagged_and_stays_finite():
     f = form(intervals=10)
     state, zeta = STEP(f, 6.0, f.init(None), to_arrays(FilteredClimb(dh=-1e6, wh=3.0)))
     assert not bool(state.found)
     assert np.isfinite(zeta).all()
 
 
-def test_no_nodes_is_refused_and_so_is_no_horizon():
+def test_rejects_zero_intervals_and_zero_horizon():
     with pytest.raises(InputError, match="at least 1, got 0"):
         replace(form(), intervals=0).check()
     with pytest.raises(InputError, match="horizon"):
@@ -97,7 +97,7 @@ def test_no_nodes_is_refused_and_so_is_no_horizon():
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_its_c_computes_the_same():
+def test_compiled_c_preview_matches_jax():
     f = form(intervals=10)
     climb, state = to_arrays(CLIMB), to_arrays(f.init(None))
     compiled = compile(lambda f, t, s, c: f.step(t, s, c), f, np.float64(0), state, climb)

@@ -20,7 +20,7 @@ FORM = to_arrays(QuasiStaticInternal(CRAFT))
 
 
 def moment(alpha, p):
-    """M over qbar S c (1) with elevator and thrust from the two accelerations, written out in plain numbers."""
+    """Return M over qbar S c (1) with elevator and thrust from the two accelerations, in plain numbers."""
     sine = p.h_rate / p.V
     cosine = math.sqrt(1 - sine**2)
     qS = 6.7429e-5 * math.exp(-(p.h - 85000) / 21358) * p.V**2 / 2 * 17
@@ -40,7 +40,7 @@ def moment(alpha, p):
     return 8.36 * thrust / (qS * 17) + air, delta
 
 
-def test_is_the_root_of_an_independent_search():
+def test_quasi_static_state_matches_an_independent_root_search():
     """[1] eq. 7 at several instants of the large climb."""
     state, zeta = run(FORM, every=1000)
     assert bool(state.found)
@@ -57,8 +57,8 @@ def test_is_the_root_of_an_independent_search():
 
 
 @pytest.mark.thorough
-def test_error_against_the_bounded_solution():
-    """Large climb, largest differences in scales: 1.6e-4 in alpha, 3.3e-2 in Q, which it takes for gamma'."""
+def test_quasi_static_error_to_the_bounded_solution_is_small():
+    """Large climb, largest scaled differences: 1.6e-4 in alpha, 3.3e-2 in Q, which it approximates by gamma'."""
     _, zeta = run(FORM)
     got = miss(zeta, noncausal()[1].solution.zeta)
     assert (got < [1.7e-4, 3.4e-2, 2.1e-5, 5.7e-4, 3.1e-5, 7.3e-4]).all()
@@ -66,8 +66,8 @@ def test_error_against_the_bounded_solution():
 
 
 @pytest.mark.thorough
-def test_the_search_starts_where_it_ended():
-    """Two Newton steps each time are enough once it has begun, from anywhere; not found yet at the first."""
+def test_root_search_starts_from_the_previous_solution():
+    """Two Newton steps per call are enough after the first calls, from any start; the first call has no root yet."""
     right = run(FORM, every=10)[1]
     for alpha in (0.1, -0.1):
         first = replace(FORM, steps=2, alpha=alpha)
@@ -78,8 +78,8 @@ def test_the_search_starts_where_it_ended():
 
 
 @pytest.mark.thorough
-def test_where_there_is_none_it_says_so_and_stays_finite():
-    """A fall faster than the vehicle, hardly any air; a command that is not a number leaves the angle where it was."""
+def test_unsolvable_climb_is_flagged_and_stays_finite():
+    """A fall faster than the vehicle, and hardly any air; a NaN command keeps the previous angle."""
     for climb in (FilteredClimb(dh=-1e6, wh=3.0), FilteredClimb(V0=1000.0), FilteredClimb(h0=400e3)):
         state, zeta = FORM.step(6.0, FORM.init(None), climb)
         assert not bool(state.found)
@@ -91,7 +91,7 @@ def test_where_there_is_none_it_says_so_and_stays_finite():
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_its_c_computes_the_same():
+def test_compiled_c_quasi_static_form_matches_jax():
     climb, state = to_arrays(CLIMB), to_arrays(FORM.init(None))
     run = compile(lambda form, t, s, c: form.step(t, s, c), FORM, np.float64(0), state, climb)
     for t in (0.0, 12.0, 40.0):

@@ -24,8 +24,8 @@ def ran(form):
 
 
 @pytest.mark.thorough
-def test_after_the_step_it_is_the_linear_solution_up_to_what_fades(ran):
-    """[1] eq. 7: the difference is made of the stable modes; after 20 s it is below 1e-7, in scales."""
+def test_converges_to_the_noncausal_linear_solution_after_the_step(ran):
+    """[1] eq. 7: the difference consists of stable modes; after 20 s it is below 1e-7 of the scales."""
     off = np.abs(ran - linear()[1].solution.zeta[: len(T)]) / SCALES
     at = {s: off[np.searchsorted(T, 5 + s - 1e-9)].max() for s in (0, 1, 5, 15, 30)}
     assert 2e-4 < at[0] < 5e-4  # the jump: what the unstable mode began with before the step
@@ -35,8 +35,8 @@ def test_after_the_step_it_is_the_linear_solution_up_to_what_fades(ran):
 
 
 @pytest.mark.thorough
-def test_what_fades_has_no_unstable_part(ran):
-    """Projected on the left eigenvector of the pole +3.289 the difference is zero from the step on."""
+def test_transient_has_no_unstable_component(ran):
+    """The projection on the left eigenvector of the pole +3.289 is zero from the step on."""
     A22 = internal_linear(CRAFT, level_trim(CRAFT, H0, V0)).A22 * SCALES / SCALES[:, None]
     poles, left = np.linalg.eig(A22.T)
     vector = left[:, np.argmax(poles.real)].real
@@ -46,8 +46,8 @@ def test_what_fades_has_no_unstable_part(ran):
     assert np.abs(off[after - 20 : after] @ vector).min() > 1e-5
 
 
-def test_error_against_the_exact_bounded_solution(ran):
-    """Large climb, in scales: 6.8e-2 in alpha, for this is linear; so is the noncausal linear solution's."""
+def test_error_to_the_exact_bounded_solution_is_bounded(ran):
+    """Large climb, scaled: 6.8e-2 in alpha because the form is linear; equal for the noncausal linear solution."""
     exact = noncausal()[1].solution.zeta
     for zeta in (ran, linear()[1].solution.zeta[: len(T)]):
         got = miss(zeta, exact)
@@ -55,15 +55,15 @@ def test_error_against_the_exact_bounded_solution(ran):
         assert got[0] > 6.7e-2
 
 
-def test_before_the_step_it_is_the_trim(form, ran):
-    """Causal: nothing moves before the command does."""
+def test_equals_the_trim_before_the_step(form, ran):
+    """The form is causal: it does not move before the command."""
     before = T < 5.0
     np.testing.assert_array_equal(ran[before], np.broadcast_to(form.zeta_0, ran[before].shape))
     np.testing.assert_allclose(form.zeta_0, level_trim(CRAFT, H0, V0).zeta)
 
 
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_its_c_computes_the_same(form, ran):
+def test_compiled_c_sylvester_form_matches_jax(form, ran):
     compiled = compile(lambda form, t, c: form.step(t, (), c)[1], form, np.float64(0), CLIMB)
     for k in (0, 1001, 5000):
         np.testing.assert_allclose(compiled(form, T[k], CLIMB), ran[k], rtol=1e-10, atol=1e-13)

@@ -1,4 +1,4 @@
-"""Wanted internal states by time, from a table: interpolation, its ends, what is refused, its C."""
+"""Internal states by time, from a table: interpolation, ends, invalid tables, and C code."""
 
 import jax
 import numpy as np
@@ -18,7 +18,7 @@ def table():
     return to_arrays(InternalTable(draws.normal(size=(9, 6)), draws.normal(size=(9, 6)), first=2.0, spacing=0.25))
 
 
-def test_hermite_between_and_held_outside(table):
+def test_interpolates_by_hermite_spline_and_holds_the_ends(table):
     """scipy's spline of the same nodes and rates; the first and the last node outside."""
     spline = CubicHermiteSpline(2.0 + 0.25 * np.arange(9), table.nodes, table.rates)
     t = np.linspace(0.0, 6.0, 241)
@@ -27,7 +27,7 @@ def test_hermite_between_and_held_outside(table):
 
 
 @pytest.mark.thorough
-def test_is_smooth_across_nodes(table):
+def test_table_rates_are_continuous_across_nodes(table):
     """Value and rate agree on both sides of each node inside."""
     nodes, small = 2.0 + 0.25 * np.arange(1, 8), 1e-6
     rate = jax.vmap(jax.jacfwd(table.at))
@@ -49,14 +49,14 @@ def test_is_smooth_across_nodes(table):
         ({"nodes": np.zeros((8, 6))}, "8 nodes and 9 rows"),
     ],
 )
-def test_wrong_tables_are_refused(table, changes, text):
+def test_rejects_invalid_tables(table, changes, text):
     table.check()
     with pytest.raises(InputError, match=text):
         replace(table, **changes).check()
 
 
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_its_c_computes_the_same(table):
+def test_compiled_c_table_matches_jax(table):
     run = compile(lambda table, t: table.at(t), table, np.float64(0))
     for t in (0.0, 2.0, 2.31, 3.999, 4.0, 9.0):
         np.testing.assert_allclose(run(table, np.float64(t)), table.at(t), rtol=1e-13, atol=1e-14)

@@ -1,4 +1,4 @@
-"""Line of sight: the guidance against its publication's own differential equations, and a path that is followed."""
+"""Line of sight: the guidance against the published differential equations, and path following."""
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ DT = 0.05
 
 
 def eastward(length):
-    """Straight east at half a metre a second."""
+    """Return a straight path to the east at 0.5 m/s."""
     t = np.linspace(0.0, 2 * length, 8)
     return interpolate_path(t, np.stack([np.zeros(8), t / 2], axis=1))
 
@@ -26,7 +26,7 @@ EAST = eastward(200.0)
 
 
 def sail(law, seconds, *, speed=0.58, current=(0.0, 0.0), start=(0.0, 0.0), valid=True):
-    """A vessel whose heading is what was asked, at once, in a current: rows of north, east and what the law says."""
+    """Return rows of north, east and outputs of a vessel in a current whose heading follows at once."""
 
     @jax.jit
     def step(state, north, east, heading):
@@ -45,7 +45,7 @@ def sail(law, seconds, *, speed=0.58, current=(0.0, 0.0), start=(0.0, 0.0), vali
 
 
 @pytest.mark.thorough
-def test_on_a_straight_path_in_a_current_it_is_the_publications_equations():
+def test_straight_path_in_current_matches_the_published_equations():
     """[1] eq. 12 with heading and speed as asked: e' = U sin(psi - chi) + V_y, I' = D e/((e + s I)² + D²)."""
     law = replace(LineOfSight(), reference=EAST, far=3.0, near=3.0, integral_gain=0.2)
     rows = sail(law, 60, current=(-0.2, 0.0), start=(2.0, 0.5))
@@ -62,7 +62,7 @@ def test_on_a_straight_path_in_a_current_it_is_the_publications_equations():
 
 
 @pytest.mark.thorough
-def test_only_with_the_integral_it_ends_on_the_path():
+def test_integral_action_removes_cross_track_error_in_current():
     law = replace(LineOfSight(), reference=EAST)
     with_integral = sail(replace(law, integral_gain=0.1), 250, current=(-0.2, 0.0))
     assert with_integral[-1, 2] == pytest.approx(0.0, abs=0.02)
@@ -73,7 +73,7 @@ def test_only_with_the_integral_it_ends_on_the_path():
 
 
 @pytest.mark.thorough
-def test_the_paths_point_stays_abreast_at_the_vessels_own_pace():
+def test_path_point_stays_abreast_of_the_vessel():
     rows = sail(replace(LineOfSight(), reference=EAST), 60)
     assert np.abs(rows[100:, 3]).max() < 0.1
     pace = np.diff(rows[200:, 5]).mean() / DT
@@ -81,7 +81,7 @@ def test_the_paths_point_stays_abreast_at_the_vessels_own_pace():
 
 
 @pytest.mark.thorough
-def test_beyond_the_end_it_goes_straight_on():
+def test_vessel_continues_straight_beyond_the_path_end():
     short = eastward(10.0)
     rows = sail(replace(LineOfSight(), reference=short), 40, start=(0.3, 0.0))
     assert rows[-1, 1] > 15
@@ -90,15 +90,15 @@ def test_beyond_the_end_it_goes_straight_on():
 
 
 @pytest.mark.thorough
-def test_a_circle_is_held_on_its_outside_by_no_more_than_the_geometry():
-    """A point D ahead on a bend of radius R lies D²/(2 R) off its tangent; the chord about it has that in it."""
+def test_circle_is_tracked_within_the_geometric_error():
+    """A point D ahead on a circle of radius R lies D²/(2 R) off the tangent, which bounds the tracking error."""
     law = replace(LineOfSight(), reference=Circle(radius=8.0, period=87.0, ease=0.0), integral_gain=0.0)
     rows = sail(law, 200, start=(8.0, 0.0))
     radius = np.hypot(rows[1000:, 0], rows[1000:, 1])
     assert np.abs(radius - 8.0).max() < 0.1
 
 
-def test_lookahead_is_near_far_away_and_far_on_the_path():
+def test_lookahead_shrinks_with_cross_track_error():
     law = LineOfSight(near=1.0, far=3.0, width=2.0)
     course, _ = law._guide(0.0, jnp.asarray(100.0), 0.0)
     assert float(course) == pytest.approx(-np.arctan2(100.0, 1.0))
@@ -106,7 +106,7 @@ def test_lookahead_is_near_far_away_and_far_on_the_path():
     assert float(course) == pytest.approx(-np.arctan2(0.01, 3.0), rel=1e-4)
 
 
-def test_shafts_hold_the_speed_within_their_limits():
+def test_shaft_speed_controller_is_limited_with_held_integral():
     law = LineOfSight(speed=0.5, shaft_limit=100.0)
     shaft, integral = law._drive(jnp.asarray(0.3), jnp.asarray(0.0), DT)
     assert (float(shaft), float(integral)) == (100.0, 0.3), "at the limit the integral waits"
@@ -116,7 +116,7 @@ def test_shafts_hold_the_speed_within_their_limits():
 
 
 @pytest.mark.thorough
-def test_nothing_moves_without_an_estimate():
+def test_invalid_estimate_holds_integral_and_progress():
     law = replace(LineOfSight(), reference=EAST)
     rows = sail(law, 1, start=(2.0, 0.0), valid=False)
     assert np.all(rows[:, 4] == 0.0)

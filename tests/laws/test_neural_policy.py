@@ -1,4 +1,4 @@
-"""A network in the place of a law: what it sees, how it is evaluated, what it refuses, and how far it carries."""
+"""A neural network as a law: observation, evaluation, invalid networks, and its range of validity."""
 
 import json
 import subprocess
@@ -28,7 +28,7 @@ def quaternion_of(rotation: Rotation) -> np.ndarray:
 
 
 def draw_state(rng, size: float) -> tuple[SpatialPoint, MultirotorState]:
-    """A wanted point, and a state near it: within `size` of what the policy was trained on."""
+    """Return a reference point and a random state near it, within `size` of the training range."""
     place = rng.normal(size=3) * 20
     wanted = SpatialPoint(
         place,
@@ -49,7 +49,7 @@ def draw_state(rng, size: float) -> tuple[SpatialPoint, MultirotorState]:
     )
 
 
-def test_it_is_evaluated_as_a_dumb_network_is():
+def test_evaluation_matches_a_plain_python_network():
     network = read_network("quadrotor")
     seen = np.random.default_rng(0).normal(size=INPUTS) * network.scale * 0.5
     h = [min(1.0, max(-1.0, s / k)) for s, k in zip(seen, network.scale, strict=True)]
@@ -60,7 +60,7 @@ def test_it_is_evaluated_as_a_dumb_network_is():
     np.testing.assert_allclose(evaluate(network, jnp.asarray(seen)), want, rtol=1e-12)
 
 
-def test_where_it_is_and_where_north_is_do_not_matter():
+def test_observation_is_invariant_to_translation_and_yaw():
     rng = np.random.default_rng(1)
     wanted, x = draw_state(rng, 1.0)
     turn, moved = Rotation.from_euler("Z", 1.9), np.array([30.0, -7.0, 2.0])
@@ -79,8 +79,8 @@ def test_where_it_is_and_where_north_is_do_not_matter():
 
 
 @pytest.mark.thorough
-def test_near_the_reference_it_does_what_its_teacher_does():
-    """Within some tenths of what it was trained on: thrust to a thirtieth of the teacher's, moments to a seventh."""
+def test_policy_matches_its_teacher_near_the_reference():
+    """Within 0.3 of the training range: thrust to 3 % and moments to 15 % of the teacher's."""
     rng, teacher, policy = np.random.default_rng(2), GeometricTracking(craft=CRAFT), NeuralPolicy(craft=CRAFT)
     errors, sizes = [], []
     for _ in range(60):
@@ -93,7 +93,7 @@ def test_near_the_reference_it_does_what_its_teacher_does():
     assert (error[1:] < 0.15 * size[1:]).all(), (error, size)
 
 
-def test_beyond_what_it_was_trained_on_inputs_are_held_and_told():
+def test_inputs_beyond_training_range_are_clipped_and_reported():
     rng, policy = np.random.default_rng(3), NeuralPolicy(craft=CRAFT)
     wanted, x = draw_state(rng, 0.2)
     far = MultirotorState(x.position + np.array([50.0, 0, 0]), x.velocity, x.attitude, x.rate)
@@ -109,7 +109,7 @@ def test_beyond_what_it_was_trained_on_inputs_are_held_and_told():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("trajectory", ["circle", "helix"])
-def test_it_flies_along_a_path_over_the_radio(trajectory):
+def test_policy_tracks_a_path_over_the_radio(trajectory):
     log = simulate(build("quadrotor/track", {"law": "neural", "trajectory": trajectory}), seed=2)
     assert log.between(2, 10)["law.distance"].max() < 0.1
     assert log.between(2, 10)["law.stretch"].max() < 1.05
@@ -117,8 +117,8 @@ def test_it_flies_along_a_path_over_the_radio(trajectory):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("half_tilt", "returns"), [(0.52, True), (0.79, False)])
-def test_it_returns_from_sixty_degrees_and_not_from_ninety(half_tilt, returns):
-    """What it was shown ends at 1.2 rad about each axis; what its teacher does beyond, it doesn't know."""
+def test_policy_recovers_from_60_but_not_90_degrees_tilt(half_tilt, returns):
+    """The training data ends at 1.2 rad about each axis."""
     start = f"[{np.cos(half_tilt):.6f},{np.sin(half_tilt):.6f},0,0]"
     settings = {"law": "neural", "trajectory": "place", "initial.attitude": start}
     log = simulate(build("quadrotor/track", settings), seed=0)
@@ -126,7 +126,7 @@ def test_it_returns_from_sixty_degrees_and_not_from_ninety(half_tilt, returns):
 
 
 def change(name):
-    """A file's content with one thing wrong."""
+    """Return a network file's content with one fault."""
     file = json.loads((Path(trimtab.__file__).parent / "laws" / "policy_quadrotor.json").read_text())
     if name == "a layer that doesn't follow":
         file["layers"][1]["weights"] = [row[:-1] for row in file["layers"][1]["weights"]]
@@ -140,19 +140,19 @@ def change(name):
 
 
 @pytest.mark.parametrize("what", ["a layer that doesn't follow", "three outputs", "a scale of zero", "no layers"])
-def test_numbers_that_do_not_fit_are_refused_with_what_to_type(what, tmp_path):
+def test_rejects_mismatched_network_weights_with_a_fix(what, tmp_path):
     (tmp_path / "bad.json").write_text(json.dumps(change(what)))
     with pytest.raises(InputError, match=r"train_policy\.py"):
         NeuralPolicy(policy=str(tmp_path / "bad.json")).check()
 
 
-def test_a_policy_that_is_not_there_is_refused_with_those_that_are():
+def test_unknown_policy_error_lists_available_policies():
     with pytest.raises(InputError, match="quadrotor"):
         NeuralPolicy(policy="hexarotor").check()
 
 
 @pytest.mark.thorough
-def test_a_file_of_ones_own_flies(tmp_path):
+def test_policy_loads_from_a_user_file(tmp_path):
     (tmp_path / "own.json").write_text(json.dumps(change("nothing")))
     own = build(
         "quadrotor/track", {"law": "neural", "autopilot.law.policy": str(tmp_path / "own.json"), "duration": "1 s"}
@@ -163,7 +163,7 @@ def test_a_file_of_ones_own_flies(tmp_path):
 
 
 @pytest.mark.thorough
-def test_the_training_script_writes_a_network_that_the_law_reads(tmp_path):
+def test_training_script_writes_a_network_readable_by_the_law(tmp_path):
     """Two steps: the script runs from its first line to its last. The packaged network took 40 000 steps."""
     script, out = Path(__file__).parents[2] / "examples" / "neural_policy" / "train_policy.py", tmp_path / "mine.json"
     command = [sys.executable, str(script), "--out", str(out), "--steps", "2", "--batch", "4", "--width", "5"]

@@ -1,4 +1,4 @@
-"""What is refused before a path law flies, whatever form its internal motion has."""
+"""Commands rejected before a path law flies, for each form of internal motion."""
 
 import pytest
 
@@ -15,7 +15,7 @@ CRAFT, LIMITS = Hypersonic(), InputLimits()
 @pytest.mark.parametrize(
     ("dh", "dV"), [(0.0, 0.0), (1000.0, 200.0), (5000.0, 1000.0), (10000.0, 1500.0), (-5000.0, -500.0)]
 )
-def test_climbs_that_are_flown_pass(dh, dV):
+def test_accepts_feasible_climbs(dh, dV):
     check_command_ends(CRAFT, FilteredClimb(dh=dh, dV=dV), LIMITS)
 
 
@@ -28,7 +28,7 @@ def test_climbs_that_are_flown_pass(dh, dV):
         ({"dh": -90000.0}, r"-5000 ft"),
     ],
 )
-def test_a_command_that_no_level_flight_begins_or_ends_is_refused_with_the_place(changes, says):
+def test_rejects_commands_without_level_flight_at_an_end(changes, says):
     command = replace(FilteredClimb(), **changes)
     with pytest.raises(InputError, match=says):
         check_command_ends(CRAFT, command, LIMITS)
@@ -36,7 +36,7 @@ def test_a_command_that_no_level_flight_begins_or_ends_is_refused_with_the_place
         StableInversion(command=command).check()  # the quasi-static form, which has no table
 
 
-def test_limits_count():
+def test_rejects_commands_beyond_the_input_limits():
     with pytest.raises(
         InputError,
         match=r"at 85000 ft, 7702.08 ft/s needs fuel ratio 0\.2644, but the limits are 0\.02 and 0\.2\.",
@@ -44,6 +44,6 @@ def test_limits_count():
         check_command_ends(CRAFT, FilteredClimb(), replace(LIMITS, Phi_high=0.2))
 
 
-def test_the_vehicle_believed_in_counts():
+def test_rejects_commands_infeasible_for_the_assumed_vehicle():
     with pytest.raises(InputError, match=r"level flight|balances"):
         check_command_ends(replace(CRAFT, m=3000.0), FilteredClimb(), LIMITS)

@@ -1,4 +1,4 @@
-"""Command filters: their closed forms against scipy's step responses, continuity, what is refused.
+"""Command filters: closed forms against scipy's step responses, continuity, invalid values.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -15,12 +15,12 @@ CLIMB = FilteredClimb(dh=5000.0, dV=1000.0, wh=0.06, wV=0.09, start=5.0)
 
 
 def response(w, order, derivative, t):
-    """d^k/dt^k of the unit step through w^n/(s + w)^n, by scipy's simulation."""
+    """Return d^k/dt^k of the unit step through w^n/(s + w)^n, by scipy's simulation."""
     system = (w**order * np.eye(1, derivative + 1)[0], np.poly([-w] * order))
     return signal.step(system, T=t)[1]
 
 
-def test_closed_forms_are_the_step_responses():
+def test_closed_forms_match_scipy_step_responses():
     """Oracle, climb: orders 4 and 3, each derivative, to 1e-9 of its largest value."""
     t = np.linspace(0.0, 250.0, 501)
     p = CLIMB.at(5.0 + t)
@@ -32,7 +32,7 @@ def test_closed_forms_are_the_step_responses():
             assert np.abs(values - wanted).max() < 1e-9 * max(np.abs(wanted).max(), w**k)
 
 
-def test_the_printed_polynomials():
+def test_filtered_step_matches_published_polynomials():
     """Oracle, climb: the closed form."""
     a = np.linspace(0.0, 12.0, 61)
     e = np.exp(-a)
@@ -43,7 +43,7 @@ def test_the_printed_polynomials():
 
 
 @pytest.mark.thorough
-def test_each_field_is_the_derivative_of_the_one_before():
+def test_each_field_is_the_derivative_of_the_previous():
     t = np.array([0.0, 4.0, 5.5, 20.0, 60.0, 200.0])
     derivative = jax.vmap(jax.jacfwd(CLIMB.at))(t)
     p = CLIMB.at(t)
@@ -52,8 +52,8 @@ def test_each_field_is_the_derivative_of_the_one_before():
         np.testing.assert_allclose(getattr(derivative, lower), getattr(p, upper), rtol=1e-9, atol=1e-12)
 
 
-def test_what_the_inversion_gets_has_no_jump():
-    """Oracle, climb: h'' and V' are continuous at the step; h''' starts at once, yet from zero too."""
+def test_command_derivatives_are_continuous_at_the_step():
+    """Oracle, climb: h'' and V' are continuous at the step; h''' starts from zero too."""
     t = 5.0 + np.array([-1e-6, 1e-6])
     p = CLIMB.at(t)
     for name in ("h", "h_rate", "h_acceleration", "h_jerk", "V", "V_rate"):
@@ -63,14 +63,14 @@ def test_what_the_inversion_gets_has_no_jump():
 
 
 @pytest.mark.thorough
-def test_reaches_95_percent_when_said():
+def test_altitude_step_reaches_95_percent_after_130_seconds():
     """Oracle, climb: about 130 s for an altitude step with the defaults."""
     t = np.linspace(0, 250, 25001)
     reached = t[np.argmax(FilteredClimb(dh=1.0).at(5.0 + t).h - 85000.0 >= 0.95)]
     assert abs(reached - 130) < 2
 
 
-def test_a_speed_that_ends_at_zero_is_refused():
+def test_rejects_final_speeds_at_or_below_zero():
     CLIMB.check()
     with pytest.raises(InputError, match="must be above 0, got 0 ft/s"):
         FilteredClimb(V0=500.0, dV=-500.0).check()

@@ -1,4 +1,4 @@
-"""Inverse dynamics of a path, flown through the equations of motion; and what is refused, with what would do."""
+"""Inverse dynamics of a path, checked by the equations of motion; infeasible paths and suggested fixes."""
 
 import re
 
@@ -29,8 +29,8 @@ PATHS = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", PATHS)
-def test_its_forces_fly_the_path(name):
-    """Open loop, from the state that the path asks for at its begin: nothing corrects a force that is wrong."""
+def test_open_loop_forces_follow_the_path(name):
+    """Open loop, from the initial state of the path: no feedback corrects a wrong force."""
     path, plant = PATHS[name]
     motion = path_motion(path, plant, 20.0)
     k, seconds = 200, 12.0  # away from the ends, where slopes are taken one-sided
@@ -56,7 +56,7 @@ def test_its_forces_fly_the_path(name):
 
 
 @pytest.mark.thorough
-def test_a_circle_needs_what_the_centripetal_force_is():
+def test_circle_needs_the_centripetal_force():
     """FX = m w^2 (R + a), no FY, and the nose looks at the centre."""
     motion = path_motion(Circle(radius=1.5, period=15.0, ease=0.0), PLANT, 30.0)
     w = 2 * np.pi / 15
@@ -81,7 +81,7 @@ REFUSED = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_can_not_be_followed_is_refused(name):
+def test_rejects_infeasible_paths_with_time_and_fix(name):
     path, problem = REFUSED[name]
     with pytest.raises(InputError, match=problem) as refused:
         refuse_infeasible(path, PLANT, LIMITS, 90.0)
@@ -92,8 +92,8 @@ def test_what_can_not_be_followed_is_refused(name):
 
 
 @pytest.mark.thorough
-def test_what_the_fix_says_is_feasible():
-    """And hardly slower than it has to be."""
+def test_suggested_fix_is_feasible_and_near_the_limit():
+    """The suggested period is within 5 % of the shortest feasible one."""
     path = Circle(radius=1.5, period=8.0)
     with pytest.raises(InputError) as refused:
         refuse_infeasible(path, PLANT, LIMITS, 40.0)
@@ -105,7 +105,7 @@ def test_what_the_fix_says_is_feasible():
 
 
 @pytest.mark.thorough
-def test_a_path_without_period_says_how_much_slower():
+def test_path_without_period_suggests_a_slowdown_factor():
     with pytest.raises(InputError, match=r"make the reference 1\.\d\d times slower") as refused:
         refuse_infeasible(REFUSED["fast way-points"][0], PLANT, LIMITS, 40.0)
     factor = float(re.search(r"([\d.]+) times slower", refused.value.fix)[1])
@@ -113,7 +113,7 @@ def test_a_path_without_period_says_how_much_slower():
 
 
 @pytest.mark.thorough
-def test_a_path_that_no_tempo_makes_feasible_says_so():
+def test_path_infeasible_at_any_tempo_suggests_enlarging():
     zigzag = interpolate_path(np.arange(12) * 0.5, [[k % 2 * 0.3, k * 0.02] for k in range(12)])
     with pytest.raises(InputError, match="make the path larger"):
         refuse_infeasible(zigzag, PLANT, LIMITS, 5.0)
@@ -121,7 +121,7 @@ def test_a_path_that_no_tempo_makes_feasible_says_so():
 
 @pytest.mark.thorough("circle", "waypoints")
 @pytest.mark.parametrize("reference", ["circle", "eight", "waypoints"])
-def test_the_scenarios_own_paths_are_feasible_and_its_limits_the_actuators(reference):
+def test_scenario_paths_are_feasible_within_the_actuator_limits(reference):
     scenario, _ = catalogue.load_scenario("hovercraft/track", {"reference": reference})
     law, allocation = scenario.autopilot.law, scenario.autopilot.allocation
     refuse_infeasible(law.reference, law.model, law.limits, 90.0)

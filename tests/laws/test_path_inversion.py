@@ -1,4 +1,4 @@
-"""Fuel ratio and elevator for wanted accelerations: exact against the vehicle, and what happens where there are none.
+"""Fuel ratio and elevator for wanted accelerations: exact against the vehicle, and unreachable accelerations.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -29,7 +29,7 @@ GRID = np.meshgrid(
 
 
 def achieved(h, h_rate, V, alpha, u, q=0.0):
-    """(h'', V') of the vehicle itself."""
+    """Return (h'', V') of the vehicle itself."""
     theta = alpha + np.arcsin(h_rate / V)
     o = np.zeros(np.shape(h))
     rate = CRAFT.dynamics(0.0, HypersonicState(h, V, alpha, theta, q + o, o, o, o, o), u)
@@ -37,7 +37,7 @@ def achieved(h, h_rate, V, alpha, u, q=0.0):
     return rate.V * np.sin(gam) + V * turn * np.cos(gam), rate.V
 
 
-def test_check_06_inversion():
+def test_inversion_reproduces_the_wanted_accelerations():
     """[1] eqs. 4-8: |(h'', V') - v| below 1e-9 over the grid, climbing and sinking, for several v."""
     h, V, alpha, h_rate, v1, v2 = (np.ravel(a) for a in GRID)
     found = invert_path(CRAFT, h, h_rate, V, alpha, v1, v2)
@@ -46,7 +46,7 @@ def test_check_06_inversion():
     assert np.abs(np.asarray(got) - [v1, v2]).max() < 1e-9
 
 
-def test_the_root_is_that_of_newtons_iteration():
+def test_elevator_matches_the_bisection_root_near_level_flight():
     """[1] eqs. 4-8: the root of R(delta) next to level flight's elevator, searched by bisection; never the far one."""
     air, m, g = CRAFT.forces.aerodynamics, float(CRAFT.m), float(CRAFT.g)
     draws = np.random.default_rng(5)
@@ -69,8 +69,8 @@ def test_the_root_is_that_of_newtons_iteration():
     assert float(air.S) == 17.0
 
 
-def test_without_angle_of_attack_the_quadratic_is_a_line():
-    """tan 0 = 0: no digits lost on the way there."""
+def test_inversion_is_accurate_near_zero_angle_of_attack():
+    """Near alpha = 0 the quadratic becomes linear, without loss of digits."""
     alphas = np.array([0.0, 1e-16, 1e-12, 1e-8, 1e-5])
     o = np.zeros(5)
     found = invert_path(CRAFT, 85000.0 + o, o, 7700.0 + o, alphas, 1.0 + o, 0.5 + o)
@@ -87,10 +87,10 @@ def test_slope_is_the_derivative_of_the_normal_force():
     np.testing.assert_allclose(found.slope, wanted, rtol=1e-12)
 
 
-def test_what_no_elevator_does_is_said_and_stays_finite():
-    """With a negative angle of attack drag turns the force back: the nearest elevator, where the slope vanishes.
+def test_unreachable_acceleration_is_flagged_and_stays_finite():
+    """At a negative angle of attack the force has a maximum: the nearest elevator, at zero slope, is returned.
 
-    A formula that only put zero for the root of what is negative gave 9.5 rad here instead of 1.5 rad.
+    A formula that replaced the root of a negative number by zero gave 9.5 rad here instead of 1.5 rad.
     """
     found = invert_path(CRAFT, 85000.0, 0.0, 7700.0, -0.3, 200.0, 0.0)
     assert not bool(found.solvable)
@@ -102,13 +102,13 @@ def test_what_no_elevator_does_is_said_and_stays_finite():
     np.testing.assert_allclose(scan[np.argmax(force)], found.u.delta_e, atol=1e-4)
 
 
-def test_steeper_than_possible_stays_finite_and_is_said():
+def test_climb_rate_above_speed_is_flagged_and_stays_finite():
     got = invert_path(CRAFT, 85000.0, 9000.0, 7700.0, 0.03, 0.0, 0.0)
     assert np.isfinite([got.u.Phi, got.u.delta_e]).all()
     assert not bool(got.solvable)
 
 
-def test_limits_clip_and_say_so():
+def test_inputs_are_clipped_to_limits_and_flagged():
     """[1] eqs. 4-8: Phi within 0.02 and 1.5, elevator within -20 and 25.8 deg."""
     limits = InputLimits()
     inside, moved = limits.clip(HypersonicInput(0.5, 0.1))
@@ -120,7 +120,7 @@ def test_limits_clip_and_say_so():
 
 
 @pytest.mark.thorough
-def test_internal_rates_are_the_vehicles_with_that_input():
+def test_internal_rates_match_the_vehicle_dynamics():
     """[1] eqs. 4-8: Psi is the rows of alpha, Q and the modes of the vehicle itself."""
     draws = np.random.default_rng(2)
     h, h_rate, V = draws.uniform([80e3, -100, 7e3], [95e3, 100, 9e3], (50, 3)).T
@@ -135,7 +135,7 @@ def test_internal_rates_are_the_vehicles_with_that_input():
 
 
 @pytest.mark.thorough
-def test_is_differentiable_at_the_trim():
+def test_inversion_is_differentiable_at_the_trim():
     """[1] eqs. 4-8: du/dv is the inverse of dv/du = [0.685649, 86.387771; 24.596085, -40.341697]."""
 
     def input_for(v):
@@ -147,7 +147,7 @@ def test_is_differentiable_at_the_trim():
 
 
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_its_c_computes_the_same():
+def test_compiled_c_inversion_matches_jax():
     arguments = [np.float64(a) for a in (86e3, 40.0, 7800.0, 0.025, 1.0, 2.0)]
     wanted = invert_path(CRAFT, *arguments)
     got = compile(lambda craft, *a: tuple(invert_path(craft, *a)), CRAFT, *arguments)(CRAFT, *arguments)

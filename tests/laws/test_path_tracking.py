@@ -1,4 +1,4 @@
-"""Path tracking: what V does, identity and bound on random states and references, and ideal runs from random starts."""
+"""Path tracking: the rate of V on random states and references, and ideal runs from random starts."""
 
 import functools
 
@@ -23,7 +23,7 @@ A = float(Hovercraft().percussion_arm)
 
 
 def random_path(seed):
-    """Random places, a few seconds apart."""
+    """Return a path through random places, a few seconds apart."""
     draw = np.random.default_rng(seed)
     return interpolate_path(np.cumsum(draw.uniform(3, 6, 9)), np.cumsum(draw.normal(0, 0.7, (9, 2)), axis=0))
 
@@ -33,7 +33,7 @@ def estimate(t, x):
 
 
 def percussion_state(x):
-    """Place and velocity of P in W."""
+    """Return place and velocity of P in W."""
     body = planar(x.heading)
     place = jnp.stack([x.north, x.east]) + A * body[:, 0]
     return place, body @ jnp.stack([x.surge_velocity, x.sway_velocity + A * x.yaw_rate])
@@ -41,7 +41,7 @@ def percussion_state(x):
 
 @functools.cache
 def flow(law_structure):
-    """A function of (numbers of the law, path's time, state): V, V' along the loop, and what the formula is made of."""
+    """Return a function of (law parameters, path time, state): V, V' along the loop, and the terms of the formula."""
 
     def V(law, time, x):
         state = replace(law.init(None), progress=time)
@@ -62,7 +62,7 @@ def observe(law, time, x):
 
 
 def formula(law, time, x, out):
-    """V' as the docstring has it, and its bound, in plain numpy; also how far the chosen end has to turn."""
+    """Return V' as in the docstring and its bound, in numpy, and the turn of the chosen end."""
     k1, k2, q, p, s0 = (float(v) for v in (law.k1, law.k2, law.q, law.p, law.s0))
     point = law.reference.at(float(time))
     place, velocity = (np.asarray(v) for v in percussion_state(x))
@@ -82,7 +82,7 @@ def formula(law, time, x, out):
 
 
 def random_state(draw, path, time):
-    """Near the path: P within a metre or so, any heading."""
+    """Return a random state near the path: P within about a metre, any heading."""
     place = np.asarray(path.at(time).place) + draw.normal(0, 0.5, 2)
     return HovercraftState(*draw.normal(0, [0.4, 0.4, 0.6]), *place, draw.uniform(-np.pi, np.pi))
 
@@ -93,7 +93,7 @@ PATHS |= {f"random {k}": random_path(k) for k in range(3)}
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", PATHS)
-def test_V_changes_as_the_docstring_says(name):
+def test_lyapunov_rate_matches_the_documented_identity_and_bound(name):
     path, draw = PATHS[name], np.random.default_rng(7)
     law = replace(LAW, reference=path)
     within = 0
@@ -111,8 +111,8 @@ def test_V_changes_as_the_docstring_says(name):
 
 
 @pytest.mark.thorough
-def test_the_end_is_the_one_with_less_V():
-    """Turning the craft round changes which end leads, not what P does."""
+def test_leading_end_minimises_the_lyapunov_function():
+    """Turning the craft by 180 degrees changes the leading end, not the motion of P."""
     law, draw = replace(LAW, reference=Circle()), np.random.default_rng(8)
     for _ in range(20):
         time = draw.uniform(10, 30)
@@ -128,8 +128,8 @@ def test_the_end_is_the_one_with_less_V():
         assert float(one.lyapunov) == pytest.approx(float(other.lyapunov), rel=1e-9)
 
 
-def test_decay_is_that_of_the_errors():
-    """The errors alone, e'' = -k1 e - k2 e': V falls along the slowest direction no slower than mu, by scipy."""
+def test_decay_rate_matches_the_error_dynamics():
+    """For the errors alone, e'' = -k1 e - k2 e', V falls in the slowest direction at the rate mu, by scipy."""
     law = LAW
     k1, k2 = float(law.k1), float(law.k2)
     loop = np.array([[0.0, 1.0], [-k1, -k2]])
@@ -151,8 +151,8 @@ def starts(n, seed, place, spread=1.0):
 
 
 @pytest.mark.thorough
-def test_V_falls_to_a_neighbourhood_from_anywhere(sampled):
-    """On a circle, where thrust is always wanted: exponentially, and it stays small. Limits out of the way."""
+def test_lyapunov_function_decays_exponentially_to_a_neighbourhood(sampled):
+    """On a circle, with constant thrust and without limits: V decays exponentially and stays small."""
     law = replace(LAW, reference=Circle(ease=0.0))
     _, out = sampled(law, starts(30, 3, (1.5, 0.0)), 60, 100)
     V = np.asarray(out.lyapunov)
@@ -166,7 +166,7 @@ def test_V_falls_to_a_neighbourhood_from_anywhere(sampled):
 
 @functools.cache
 def flown(structure, plant):
-    """90 s of a loop of 10 ms on JAX: the law's outputs, for many starts."""
+    """Return the law's outputs over 90 s of a 10 ms loop on JAX, for many starts."""
 
     def fly(numbers, x):
         law = jax.tree.unflatten(structure, numbers)
@@ -188,8 +188,8 @@ def fly(law, x, plant):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["circle", "eight", "way-points"])
-def test_it_follows_within_its_limits(name):
-    """From 1 m off, any heading, half a metre a second: with the forces that fan and rudder give."""
+def test_tracks_paths_within_actuator_limits(name):
+    """From 1 m off, any heading, 0.5 m/s: with the forces that fan and rudder can give."""
     path = PATHS[name]
     out = fly(PathTracking(reference=path), starts(20, 4, path.at(0.0).place), Hovercraft())
     late = np.asarray(out.position_error)[:, 6000:]
@@ -204,7 +204,7 @@ def test_it_follows_within_its_limits(name):
 
 
 @pytest.mark.thorough
-def test_it_knows_of_friction():
+def test_friction_in_the_law_model_reduces_tracking_error():
     plant = Hovercraft(friction=Friction(force_viscous=0.4, torque_viscous=0.02, force_quadratic=0.2))
     x = HovercraftState(*(np.array([v]) for v in (0.0, 0.0, 0.0, 1.5, -A, np.pi / 2)))
     errors = [
@@ -216,8 +216,8 @@ def test_it_knows_of_friction():
 
 
 @pytest.mark.thorough
-def test_along_the_path_it_waits():
-    """Progress along the path: a craft that starts a metre behind doesn't cut across, and then keeps the tempo."""
+def test_path_progress_waits_for_a_craft_behind():
+    """With progress along the path, the reference slows down for a craft that starts a metre behind."""
     behind = HovercraftState(*(np.array([v]) for v in (0.0, 0.0, 0.0, 1.5, -1.0, np.pi / 2)))
     x = jax.tree.map(lambda a: float(a[0]), behind)
     progress = {}

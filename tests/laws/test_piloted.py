@@ -1,4 +1,4 @@
-"""The pilot's law: what its docstring proves, by equations written out again; how it tracks, in flights."""
+"""The pilot's law: the claims of its docstring by independent equations, and tracking in flights."""
 
 from functools import cache
 
@@ -30,7 +30,7 @@ def sample(forward, turn, mode, age=0.0, *, valid=True):
 
 
 def under_way(mode, **changes):
-    """The state of a law that was asked at this very instant: nothing ramps in a step from here."""
+    """Return the state of a law that has just been stepped at this instant, so that references do not ramp."""
     held = PilotedState(
         t=np.int64(NOW),
         mode=np.int32(mode),
@@ -50,12 +50,12 @@ def ask(law, state, x, stick, t=NOW):
 
 
 def rates(x, force):
-    """u', v', r', heading' of the vehicle, written out again."""
+    """Return u', v', r', heading' of the vehicle, from independent equations."""
     u, v, r, _ = x
     return jnp.stack([v * r + force.FX / M, -u * r + force.FY / M, -D * force.FY / J, r])
 
 
-def test_manual_is_the_thrust_vector():
+def test_manual_stick_sets_the_thrust_vector():
     def push(forward, turn):
         demand = ask(LAW, under_way(MANUAL), STATES[0], sample(forward, turn, MANUAL))[1].demand
         return float(demand.FX), float(demand.FY)
@@ -77,7 +77,7 @@ def test_damped_turns_have_a_linear_yaw_rate(rate):
 
 
 def steering(speed, k2=2.5):
-    """Jacobian of (v', r') in (v, r), turn let go, at a surge held; by differentiation of law and vehicle."""
+    """Return the Jacobian of (v', r') in (v, r) at constant surge, without turn input."""
     state = under_way(DAMPED, speed=np.float64(speed))
 
     def rate(y):
@@ -89,7 +89,7 @@ def steering(speed, k2=2.5):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("speed", [-0.8, -0.3, -0.1, 0.1, 0.4, 0.8])
-def test_damped_straight_drives_are_stable_and_their_sway_has_the_sign_of_surge(speed):
+def test_damped_straight_motion_is_stable_in_both_directions(speed):
     """det = d k2 s u_r/J, so that s u_r > 0 is necessary; with trace < 0 sufficient."""
     jacobian = steering(speed)
     s = 1.0 if speed > 0 else -0.5
@@ -99,7 +99,7 @@ def test_damped_straight_drives_are_stable_and_their_sway_has_the_sign_of_surge(
     assert np.linalg.eigvals(wrong_way).real.max() > 0
 
 
-def test_the_side_force_does_not_accelerate_the_point_that_assisted_steers():
+def test_side_force_does_not_accelerate_the_assisted_point():
     """v_P' = n (FX/m - a r^2), by differentiation of v_P in W along the vehicle's motion, 1e-9."""
 
     def velocity(x):
@@ -116,7 +116,7 @@ def test_the_side_force_does_not_accelerate_the_point_that_assisted_steers():
 
 
 @pytest.mark.parametrize(("speed", "backing"), [(0.6, False), (0.0, False), (0.0, True), (-0.4, False)])
-def test_the_error_of_velocity_never_grows_while_course_and_speed_are_held(speed, backing):
+def test_velocity_error_never_grows_at_constant_course_and_speed(speed, backing):
     """E' = -m k (n.e)^2 where FX is not limited, 1e-9; and E' <= 0 where it is, for 400 states."""
     course, turn = 0.7, sample(speed / 0.8, 0.0, ASSISTED)
     state = under_way(ASSISTED, speed=np.float64(speed), course=np.float64(course), backing=np.bool_(backing))
@@ -142,8 +142,8 @@ def test_the_error_of_velocity_never_grows_while_course_and_speed_are_held(speed
 @pytest.mark.thorough("0.0-True", "0.6-False")
 @pytest.mark.parametrize("backing", [False, True])
 @pytest.mark.parametrize("speed", [0.0, 0.6])
-def test_no_error_lasts_with_the_nose_where_it_is_wanted(speed, backing):
-    """For 400 errors of 0.03 to 0.4 m/s: n.e of the size of e^2 at least, so that no E' is zero but near e = 0."""
+def test_velocity_error_does_not_persist_at_the_wanted_heading(speed, backing):
+    """For 400 errors of 0.03 to 0.4 m/s, n.e is at least of order e^2, so E' is zero only at e = 0."""
     draws = np.random.default_rng(3)
     state = under_way(ASSISTED, speed=np.float64(speed), course=np.float64(0.7), backing=np.bool_(backing))
     e, angle = draws.uniform(0.03, 0.4, 400), draws.uniform(-np.pi, np.pi, 400)
@@ -167,8 +167,8 @@ def test_no_error_lasts_with_the_nose_where_it_is_wanted(speed, backing):
     assert worst.min() > 0.05
 
 
-def test_assisted_turns_the_nose_by_a_linear_loop():
-    """r' = kr (r_d - r), with r_d from where the nose is wanted, 1e-9, while FY is not limited."""
+def test_assisted_heading_loop_is_linear():
+    """r' = kr (r_d - r), with r_d from the wanted heading, 1e-9, while FY is not limited."""
     state = under_way(ASSISTED, speed=np.float64(0.5), rate=np.float64(0.2))
     found = jax.vmap(lambda x: ask(LAW, state, x, sample(0.5 / 0.8, 0.2 / 0.6, ASSISTED))[1])(STATES)
     r, psi = STATES[:, 2], STATES[:, 3]
@@ -181,7 +181,7 @@ def test_assisted_turns_the_nose_by_a_linear_loop():
 
 
 @pytest.mark.thorough
-def test_without_a_stick_it_is_let_go_in_the_mode_that_it_had():
+def test_lost_stick_is_released_and_keeps_the_mode():
     x, full = STATES[3], {"forward": 0.7, "turn": 0.4}
     for mode in (MANUAL, DAMPED, ASSISTED):
         state = under_way(mode, speed=np.float64(0.4), course=np.float64(0.2))
@@ -206,7 +206,7 @@ def test_without_a_stick_it_is_let_go_in_the_mode_that_it_had():
     assert (bool(out.stick_lost), int(out.mode)) == (True, DAMPED)
 
 
-def test_a_stick_beyond_its_end_is_at_its_end():
+def test_stick_input_is_clipped_to_full_deflection():
     for mode in range(3):
         state = under_way(mode)
         a, b = (ask(LAW, state, STATES[1], sample(f, -f, mode), NOW + ms(50))[1] for f in (1.0, 3.0))
@@ -214,8 +214,8 @@ def test_a_stick_beyond_its_end_is_at_its_end():
         assert float(a.rate_reference) == float(b.rate_reference)
 
 
-def test_references_begin_where_the_vehicle_is():
-    """After a pause, with another mode, at the first step: no jump; within 100 ms they go on."""
+def test_references_start_at_the_current_vehicle_state():
+    """References restart after a pause, a mode change and at the first step; within 100 ms they continue."""
     x, push = np.array([0.3, 0.4, 0.5, 1.0]), {"forward": 1.0, "turn": 0.0}
     stale = under_way(ASSISTED, speed=np.float64(0.8), course=np.float64(-2.0), rate=np.float64(0.3))
     _, goes_on = ask(LAW, stale, x, sample(**push, mode=ASSISTED), NOW + ms(100))
@@ -232,7 +232,7 @@ def test_references_begin_where_the_vehicle_is():
     assert float(out.course_reference) == pytest.approx(1.0 - np.arctan2(0.4, 0.3))
 
 
-def test_references_are_ramped_and_wait_for_a_vehicle_that_does_not_follow():
+def test_references_are_ramped_and_wait_for_a_lagging_vehicle():
     on = sample(1.0, 1.0, ASSISTED)
     state = under_way(ASSISTED, speed=np.float64(0.4))
     for error, share in ((0.0, 1.0), (0.2, 1.0), (0.3, 0.5), (0.4, 0.0), (0.9, 0.0)):
@@ -249,7 +249,7 @@ def test_references_are_ramped_and_wait_for_a_vehicle_that_does_not_follow():
 
 @cache
 def flown(*entries, duration=30, ideal=True, without=(), faults=(), seeds=1):
-    """Logs of stick entries (s, forward, turn, mode), three of them, so that one compiled loop flies them all."""
+    """Return logs of stick entries (s, forward, turn, mode), always three, so that one compiled loop flies all."""
     scenario, _ = catalogue.load_scenario("hovercraft/pilot")
     script = stick_script(*((seconds(t), f, w, mode) for t, f, w, mode in entries))
     scenario = replace(
@@ -264,7 +264,7 @@ def flown(*entries, duration=30, ideal=True, without=(), faults=(), seeds=1):
 
 
 def motion(log):
-    """Speed and course (unwrapped) of the point that assisted steers, the nose against it, and the yaw rate."""
+    """Return speed and unwrapped course of the assisted point, the heading relative to it, and the yaw rate."""
     u, v, r, psi = (log[f"truth.{n}"] for n in ("surge_velocity", "sway_velocity", "yaw_rate", "heading"))
     north = u * np.cos(psi) - (v + A * r) * np.sin(psi)
     east = u * np.sin(psi) + (v + A * r) * np.cos(psi)
@@ -274,7 +274,7 @@ def motion(log):
 
 @pytest.mark.thorough
 def test_damped_tracks_surge_and_yaw_rate():
-    """Ideal: ahead at 0.6 m/s, then a spin on the spot at 0.9 rad/s, to 0.02 m/s and 1e-3 rad/s; sway is gone."""
+    """Ideal: ahead at 0.6 m/s, then a spin on the spot at 0.9 rad/s, to 0.02 m/s and 1e-3 rad/s, without sway."""
     (log,) = flown((0, 0.75, 0.0, "damped"), (12, 0.0, 0.0, "damped"), (18, 0.0, 0.6, "damped"))
     ahead, spin = log.between(10, 12), log.between(26, 30)
     assert np.abs(ahead["truth.surge_velocity"] - 0.6).max() < 0.02
@@ -285,8 +285,8 @@ def test_damped_tracks_surge_and_yaw_rate():
 
 
 @pytest.mark.thorough
-def test_a_long_damped_turn_ends_with_the_nose_to_the_centre():
-    """u -> 0 and v -> -k1 u_r/(m r_r), 1 %, with the yaw rate held: physics, not a choice."""
+def test_long_damped_turn_ends_with_nose_toward_the_centre():
+    """u -> 0 and v -> -k1 u_r/(m r_r), 1 %, at constant yaw rate: a property of the vehicle, not of the law."""
     (log,) = flown((0, 0.5, 0.0, "damped"), (3, 0.5, 0.4, "damped"), (29, 0.5, 0.4, "damped"))
     end = log.between(25, 30)
     assert np.abs(end["truth.yaw_rate"] - 0.6).max() < 1e-3
@@ -296,7 +296,7 @@ def test_a_long_damped_turn_ends_with_the_nose_to_the_centre():
 
 @pytest.mark.thorough("-0.6")
 @pytest.mark.parametrize("turn", [-0.6, 0.6])
-def test_assisted_turns_at_speed(turn):
+def test_assisted_turn_holds_speed_and_course_rate(turn):
     """Ideal: 0.6 m/s to 2 %, the course at 0.36 rad/s to 1 %, the nose within 0.4 rad of the centre, both ways."""
     (log,) = flown((0, 0.75, 0.0, "assisted"), (6, 0.75, turn, "assisted"), (29, 0.75, turn, "assisted"))
     speed, course, nose, _ = motion(log)
@@ -309,8 +309,8 @@ def test_assisted_turns_at_speed(turn):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("turn", [-0.6, 0.6])
-def test_assisted_turns_at_speed_over_the_radio(turn):
-    """Delays of 76 ms, rudder and fan with their limits, sensors exact: 0.05 m/s and 0.02 rad/s about the same."""
+def test_assisted_turn_over_the_radio_holds_speed_and_course_rate(turn):
+    """Delays of 76 ms, rudder and fan with their limits, exact sensors: the same to 0.05 m/s and 0.02 rad/s."""
     script = (0, 0.75, 0.0, "assisted"), (6, 0.75, turn, "assisted"), (29, 0.75, turn, "assisted")
     (log,) = flown(*script, ideal=False, without=("navigation-error",))
     speed, course, _, _ = motion(log)
@@ -320,8 +320,8 @@ def test_assisted_turns_at_speed_over_the_radio(turn):
     assert np.polyfit(log.t[held], course[held], 1)[0] == pytest.approx(0.6 * turn, abs=0.02)
 
 
-def test_assisted_stops_and_stays():
-    """Out of a turn: 0.04 m/s eight seconds on, of which the dead zone and the slow turn of the nose leave most."""
+def test_assisted_stops_and_remains_at_rest():
+    """From a turn: below 0.04 m/s after eight seconds; dead zone and slow turning cause most of the rest."""
     (log,) = flown((0, 0.75, 0.0, "assisted"), (6, 0.75, 0.6, "assisted"), (14, 0.0, 0.0, "assisted"))
     speed, *_ = motion(log)
     assert speed[log.t > 22].max() < 0.04
@@ -329,8 +329,8 @@ def test_assisted_stops_and_stays():
 
 
 @pytest.mark.thorough
-def test_the_dead_man_stops_it():
-    """The stick falls silent at 8 s: lost 0.3 s after its last sample came, and the craft comes to rest by itself."""
+def test_lost_stick_brings_the_craft_to_rest():
+    """No stick data from 8 s on: lost 0.3 s after the last sample; the craft then comes to rest."""
     script = (0, 0.75, 0.0, "assisted"), (29, 0.75, 0.0, "assisted"), (29.5, 0.75, 0.0, "assisted")
     (log,) = flown(*script, faults=("sensor:stick off @ 8 s",))
     lost = log["law.stick_lost"].astype(bool)
@@ -344,8 +344,8 @@ def test_the_dead_man_stops_it():
 
 
 @pytest.mark.thorough
-def test_both_backends_fly_alike():
-    """JAX and C: 8 s in all three modes, to 1e-9 of each signal's size."""
+def test_c_and_jax_backends_agree():
+    """8 s in all three modes, to 1e-9 of each signal's size."""
     scenario, _ = catalogue.load_scenario("hovercraft/pilot")
     script = stick_script(
         (0, 0.5, 0.0, "damped"), (seconds(2), 0.75, 0.5, "assisted"), (seconds(6), -0.5, 0.3, "manual")

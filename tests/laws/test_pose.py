@@ -16,7 +16,7 @@ A = 0.096 / (2.6 * 0.32)
 
 
 def percussion_point(x):
-    """Place and velocity of P in W."""
+    """Return place and velocity of P in W."""
     c, s = np.cos(x.heading), np.sin(x.heading)
     side = x.sway_velocity + A * x.yaw_rate
     place = np.array([x.north + A * c, x.east + A * s])
@@ -34,7 +34,7 @@ def take_step(law, t, state, estimate):
 
 
 def at(way, v=(0.0, 0.0), heading=0.0, r=0.0, law=LAW):
-    """A state whose P has this way (W) to go to rest at the law's goal, and this velocity (W)."""
+    """Return a state whose P has this distance (W) to the law's goal, and this velocity (W)."""
     c, s = np.cos(heading), np.sin(heading)
     rest = np.array([law.north, law.east]) + A * np.array([np.cos(law.heading), np.sin(law.heading)])
     place = rest - np.asarray(way) - A * np.array([c, s])
@@ -43,7 +43,7 @@ def at(way, v=(0.0, 0.0), heading=0.0, r=0.0, law=LAW):
 
 
 @pytest.mark.thorough
-def test_the_force_never_accelerates_the_point_across_the_nose():
+def test_percussion_point_has_no_acceleration_across_the_nose():
     rng = np.random.default_rng(3)
     for mode in (BRAKE, AIM, GO, HOLD):
         for _ in range(20):
@@ -60,7 +60,7 @@ def test_the_force_never_accelerates_the_point_across_the_nose():
             assert abs(across @ dv) < 1e-6 * (1 + np.abs(dv).max())
 
 
-def test_the_nose_takes_the_nearer_end_of_a_line():
+def test_nose_aims_along_the_nearer_end_of_the_line():
     for bearing, wanted in ((0.3, 0.3), (2.9, 2.9 - np.pi), (-1.7, np.pi - 1.7)):
         now, _ = step(LAW, at(2.0 * np.array([np.cos(bearing), np.sin(bearing)])), BRAKE)
         assert int(now.mode) == AIM
@@ -86,7 +86,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_each_step_ends_where_it_should(case):
+def test_each_mode_has_the_expected_transition(case):
     mode, x, nose, wanted = CASES[case]
     assert int(step(LAW, x, mode, nose)[0].mode) == wanted
     held = step(LAW, x, mode, nose, valid=False)[0]
@@ -94,12 +94,12 @@ def test_each_step_ends_where_it_should(case):
 
 
 @pytest.mark.parametrize("name", ["near", "rest_speed"])
-def test_a_hold_that_could_not_last_is_refused(name):
+def test_rejects_thresholds_that_would_break_the_hold(name):
     with pytest.raises(InputError, match=f"Pose.{name}.*must be less"):
         replace(LAW, **{name: 0.5}).check()
 
 
-def test_rounds_are_counted():
+def test_counts_rounds_when_leaving_hold_or_go():
     assert int(step(LAW, at((0.2, 0.0), (0.5, 0.0)), HOLD)[0].rounds) == 2
     assert int(step(LAW, at((0.0, 0.1)), GO)[0].rounds) == 2
 
@@ -115,7 +115,7 @@ def within(x, metres, radians):
 
 
 def check_runs(sampled, n, seed):
-    """Within 5 cm and 3 degrees after 45 s, for the minute that follows; and there it comes to rest."""
+    """Check 5 cm and 3 degrees after 45 s for one minute, and rest at the end."""
     x, output = sampled(LAW, random_starts(n, seed), 105)
     assert within(x, 0.05, np.radians(3))[:, 4500:].all()
     assert within(x, 1e-3, np.radians(0.2))[:, -1].all()
@@ -123,18 +123,18 @@ def check_runs(sampled, n, seed):
 
 
 @pytest.mark.thorough
-def test_it_comes_to_rest_there_and_stays(sampled):
+def test_comes_to_rest_at_the_goal_and_stays(sampled):
     check_runs(sampled, 40, 1)
 
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
-def test_it_does_so_from_a_thousand_starts(sampled):
+def test_comes_to_rest_at_the_goal_from_1000_starts(sampled):
     check_runs(sampled, 1000, 2)
 
 
-def test_the_swing_takes_away_what_is_left_across_the_heading(sampled):
-    """Without it nothing would: across the nose there is no force, at rest."""
+def test_swing_removes_the_lateral_offset(sampled):
+    """Without the swing the offset stays: at rest there is no force across the nose."""
     start = HovercraftState(*(np.array([v]) for v in (0.0, 0.0, 0.0, 0.0, 0.009, 0.0)))
     for law, is_there in ((LAW, True), (replace(LAW, swing=1e-9), False)):
         x, _ = sampled(law, start, 40)

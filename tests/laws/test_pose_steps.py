@@ -1,4 +1,4 @@
-"""The six steps: every transition, and ideal runs that go round and round. [1] Z. Kulis 2006, section 2.3.1."""
+"""The six steps: every transition, and ideal runs that repeat rounds. [1] Z. Kulis 2006, section 2.3.1."""
 
 import jax
 import numpy as np
@@ -50,20 +50,20 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_each_step_ends_where_it_should(case):
+def test_each_mode_has_the_expected_transition(case):
     mode, state, bearing, wanted = CASES[case]
     assert int(step(state, mode, bearing)[0].mode) == wanted
     held = step(state, mode, bearing, valid=False)[0]
     assert (int(held.mode), float(held.bearing), int(held.rounds)) == (mode, bearing, 3)
 
 
-def test_the_bearing_is_that_of_the_goal():
+def test_compute_step_stores_the_bearing_to_the_goal():
     now, _ = step(x(1.0, -1.0), COMPUTE)
     assert float(now.bearing) == pytest.approx(3 * np.pi / 4)
     assert int(step(x(1.0, -1.0), STOP)[0].rounds) == 4  # calm: it computes
 
 
-def test_each_step_flies_the_law_that_it_says():
+def test_each_mode_uses_its_own_law():
     state = x(-2.0, 0.0, 0.0, 0.2, 0.1, -0.1)
     estimate = Estimate(t=0, age=0.0, fresh=True, valid=True, state=state)
     forward = replace(LAW.forward, reference=2.6 * 0.6)
@@ -78,8 +78,8 @@ def test_each_step_flies_the_law_that_it_says():
 
 
 @pytest.mark.thorough
-def test_it_comes_near_and_has_to_go_round_for_ever(sampled):
-    """20 starts at rest: all come near, none stays, as braking alone lets the heading drift."""
+def test_comes_near_the_goal_but_repeats_rounds_forever(sampled):
+    """20 starts at rest: all come near and none stays, because the heading drifts during braking."""
     rng = np.random.default_rng(5)
     zero = np.zeros(20)
     start = HovercraftState(zero, zero, zero, *rng.uniform(-4, 4, (2, 20)), rng.uniform(-np.pi, np.pi, 20))

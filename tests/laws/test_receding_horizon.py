@@ -1,4 +1,4 @@
-"""Limits, rates, holding, what is under way, and ideal flights along references; against a dumb copy of its program."""
+"""Receding horizon: limits, rates, holding, commands in transit, ideal flights, and an independent optimiser."""
 
 from functools import cache
 
@@ -32,13 +32,13 @@ def estimate_of(x, t=0, age=0.0, valid=True):
 
 
 def at_rest(reference, heading):
-    """P where the reference begins, (6,) in the order of READS."""
+    """Return the state (6,) in the order of READS, with P at the start of the reference."""
     place = np.asarray(reference.at(0.0).place) - ARM * np.array([np.cos(heading), np.sin(heading)])
     return np.array([0.0, 0.0, 0.0, heading, *place])
 
 
 def tick(law, t, x, state, age=0.0, valid=True):
-    """One step of the law, and a millisecond's flight (RK4 of the vehicle's equations) under its demand."""
+    """Step the law, then the vehicle for one millisecond (RK4) under its demand."""
     state, output = law.step(t, state, estimate_of(x, t, age, valid))
 
     def rate(x):
@@ -55,7 +55,7 @@ def tick(law, t, x, state, age=0.0, valid=True):
 
 @cache
 def flight(reference, period=1):
-    """Compiled: rows of a second, one each 20 ms."""
+    """Return a compiled flight of one second, with a row each 20 ms."""
 
     def second(law, t, x, state):
         law = replace(law, reference=reference)
@@ -76,7 +76,7 @@ def flight(reference, period=1):
 
 
 def fly(reference, x, seconds, law=LAW):
-    """States (n, 6) and outputs each 20 ms."""
+    """Return states (n, 6) and outputs each 20 ms."""
     carry = np.int64(0), np.asarray(x), jax.tree.map(np.asarray, law.init(key(0)))
     rows = []
     for _ in range(seconds):
@@ -97,8 +97,8 @@ SLOW = [pytest.param(name, marks=pytest.mark.thorough) for name in ("eight", "wa
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["circle", *SLOW])
-def test_it_follows_within_the_limits(name):
-    """From any heading: within 15 s it is on the path; all the while thrust, angle and their rates keep the limits."""
+def test_tracks_paths_within_force_and_rate_limits(name):
+    """From any heading: on the path within 15 s, with thrust, angle and their rates always within the limits."""
     reference, near = PATHS[name]
     for heading in (0.0, 2.5):
         _, output = fly(reference, at_rest(reference, heading), 30)
@@ -114,7 +114,7 @@ def test_it_follows_within_the_limits(name):
 
 
 @pytest.mark.thorough
-def test_tighter_limits_are_kept_too():
+def test_tighter_limits_are_respected():
     law = replace(LAW, push=0.5, pull=0.3, deflection=0.2, thrust_rate=1.0, angle_rate=0.5)
     _, output = fly(Circle(), at_rest(Circle(), 1.0), 10, law)
     assert output.thrust.max() <= 0.5 + 1e-12
@@ -125,7 +125,7 @@ def test_tighter_limits_are_kept_too():
 
 @cache
 def steps():
-    """The law's step, compiled: three ways of time and validity in one function."""
+    """Return the compiled step of the law, with time and validity as arguments."""
     state = jax.tree.map(np.asarray, LAW.init(key(0)))
     step = lambda law, t, state, x, age, valid: law.step(t, state, estimate_of(x, t, age, valid))  # noqa: E731
     return trimtab.compile(step, LAW, np.int64(0), state, np.zeros(6), 0.0, True)
@@ -136,7 +136,7 @@ def first_state():
 
 
 @pytest.mark.thorough
-def test_the_demand_is_held_between_its_periods():
+def test_demand_is_held_between_control_periods():
     x = at_rest(Circle(), 0.5)
     state, output = steps()(LAW, np.int64(0), first_state(), x, 0.0, True)
     for t in (1, 7, 19):
@@ -148,7 +148,7 @@ def test_the_demand_is_held_between_its_periods():
 
 
 @pytest.mark.thorough
-def test_it_begins_with_the_first_valid_estimate():
+def test_reference_starts_with_the_first_valid_estimate():
     x, late = at_rest(Circle(), 0.0), np.int64(1234 * MS)
     state, _ = steps()(LAW, late, first_state(), x, 0.0, False)
     assert not state.began
@@ -158,7 +158,7 @@ def test_it_begins_with_the_first_valid_estimate():
     np.testing.assert_allclose([output.north_reference, output.east_reference], [1.5, 0.0], atol=1e-12)
 
 
-def test_not_even_nonsense_leaves_the_limits():
+def test_nan_and_extreme_states_stay_within_the_limits():
     for x in (np.full(6, np.nan), np.full(6, 1e6), np.array([0, 0, 50.0, 0, 0, 0])):
         state, output = steps()(LAW, np.int64(0), first_state(), x, 0.0, True)
         assert -LAW.pull <= output.thrust <= LAW.push
@@ -167,8 +167,8 @@ def test_not_even_nonsense_leaves_the_limits():
         assert not (output.solved and np.isnan(x).any())
 
 
-def test_the_state_is_carried_on_by_what_is_under_way():
-    """An old estimate with the moves sent since, or the state that they lead to: the same program."""
+def test_state_is_predicted_over_commands_in_transit():
+    """An old estimate with the commands sent since equals the state that they lead to."""
     rng = np.random.default_rng(2)
     sent = np.column_stack([rng.uniform(-20, 20, 8), rng.uniform(-0.3, 0.3, 8)])
     x = rng.normal(size=6)
@@ -188,7 +188,7 @@ def test_the_state_is_carried_on_by_what_is_under_way():
 
 
 def plan_cost(plan, x, law, before):
-    """The whole cost of a plan by plain Euler-free flight in numpy: RK4 of the source's equations."""
+    """Return the cost of a plan in numpy: RK4 of the thesis' equations."""
 
     def rate(x, thrust, angle):
         u, v, r, heading = x[:4]
@@ -223,8 +223,8 @@ def plan_cost(plan, x, law, before):
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
-def test_repeated_steps_end_at_the_best_plan():
-    """At one state and instant: its plan costs what scipy's SLSQP finds, from the same start, with the same limits."""
+def test_repeated_steps_converge_to_the_slsqp_optimum():
+    """At one state and time the plan costs no more than the one of scipy's SLSQP, with the same start and limits."""
     law = replace(LAW, rounds=6, iterations=50, damping=1e-3)
     x, begin = at_rest(law.reference, 0.6) + np.array([0.1, 0.05, 0.1, 0, 0.05, -0.05]), 0.0
     before = np.array([0.1, 0.0])

@@ -1,4 +1,4 @@
-"""The law for a lost rotor: when it finds one, what it asks for then, and that it is the other law before."""
+"""The law for a lost rotor: detection, demand after the loss, and the nominal law before."""
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ TURNS = np.full(4, 365.0)
 
 
 def run(law, speeds, x=None, dt=0.005):
-    """Outputs and last state of a law that sees these speeds one after the other."""
+    """Return outputs and last state of a law that measures these rotor speeds in turn."""
     x = CRAFT.hover(PLACE) if x is None else x
     state, outputs = law.init(key(0)), []
     step = jax.jit(law.step)
@@ -39,7 +39,7 @@ def run(law, speeds, x=None, dt=0.005):
 
 
 @pytest.mark.thorough
-def test_while_all_turn_it_is_the_law_for_all():
+def test_healthy_rotors_use_the_nominal_law():
     x = replace(CRAFT.hover(PLACE + np.array([0.2, -0.1, 0.3])), velocity=np.array([0.1, 0.0, -0.2]))
     (out,), _ = run(LAW, [TURNS], x)
     same = LAW.nominal.track(LAW.nominal.reference.at(0.0), x)
@@ -51,7 +51,7 @@ def test_while_all_turn_it_is_the_law_for_all():
 
 @pytest.mark.thorough("0", "2", "3")
 @pytest.mark.parametrize("rotor", range(4))
-def test_one_that_stands_is_found_after_its_patience_and_for_ever(rotor):
+def test_stopped_rotor_is_detected_after_patience_and_latched(rotor):
     stands = np.where(np.arange(4) == rotor, 0.0, TURNS)
     outputs, _ = run(LAW, [TURNS] * 3 + [stands] * 4 + [TURNS] * 2)
     # patience of 12 ms: at 5, 10 and 15 ms of standing still
@@ -61,7 +61,7 @@ def test_one_that_stands_is_found_after_its_patience_and_for_ever(rotor):
 
 
 @pytest.mark.thorough
-def test_a_short_pause_is_none_and_of_two_only_the_first_counts():
+def test_ignores_short_pauses_and_second_rotor_losses():
     pause = [0.0, *TURNS[1:]]
     assert not run(LAW, [pause, pause, TURNS, pause, pause])[0][-1].lost
     later, _ = run(LAW, [pause] * 3 + [[0.0, 0.0, 365.0, 365.0]] * 5)
@@ -69,7 +69,7 @@ def test_a_short_pause_is_none_and_of_two_only_the_first_counts():
 
 
 @pytest.mark.thorough
-def test_its_reference_stands_still_from_then_on():
+def test_reference_freezes_after_rotor_loss():
     law = build("quadrotor/track", {"trajectory": "helix"}).autopilot.law
     stands = [0.0, 365.0, 365.0, 365.0]
     outputs, state = run(law, [TURNS] * 10 + [stands] * 20)
@@ -82,7 +82,7 @@ def test_its_reference_stands_still_from_then_on():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("rotor", range(4))
-def test_in_relaxed_hover_it_asks_for_what_the_hover_gives(rotor):
+def test_relaxed_hover_demand_matches_the_hover_wrench(rotor):
     hover = find_relaxed_hover(CRAFT, rotor, 0.3)
     v = np.cross(hover.axis, [0, 0, 1])
     q = np.array([1 + hover.axis[2], *v])
@@ -99,7 +99,7 @@ def test_in_relaxed_hover_it_asks_for_what_the_hover_gives(rotor):
 
 
 @pytest.mark.thorough
-def test_roll_and_pitch_bring_the_axis_to_the_direction_as_its_gains_say():
+def test_spin_axis_follows_second_order_dynamics_of_its_gains():
     """d'' = -ks (d - axis) - kd d', in x and y, along the motion that the demanded moment makes."""
     rng, law = np.random.default_rng(0), replace(LAW, prediction_time=0.0)
     R_of = quaternion.to_matrix
@@ -121,8 +121,8 @@ def test_roll_and_pitch_bring_the_axis_to_the_direction_as_its_gains_say():
 
 @pytest.mark.thorough("1", "2", "3")
 @pytest.mark.parametrize("rotor", range(4))
-def test_upside_down_it_is_driven_away_from_the_mirror_image_of_its_axis(rotor):
-    """Where d is that image, d - axis has neither x nor y; all around, d'' points away from there."""
+def test_inverted_axis_is_repelled_from_its_mirror_image(rotor):
+    """At the image d - axis has no x or y component; around it, d'' points away."""
     law, lost = replace(LAW, prediction_time=0.0), np.arange(4) == rotor
     mirror = np.asarray(law.axes)[rotor] * [1, 1, -1]
     for angle in np.arange(8) * np.pi / 4:

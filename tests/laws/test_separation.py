@@ -1,4 +1,4 @@
-"""The barrier keeps points apart whatever messages are late, lost or silent, and whatever velocity is wanted."""
+"""The barrier keeps points apart for late, lost and missing messages, and for any wanted velocity."""
 
 import jax
 import numpy as np
@@ -13,14 +13,14 @@ BARRIER = Separation(distance=1.0, rate=2.0, speed=0.5)
 
 
 def peers(stamps, points):
-    """Messages: where each was, at the time stamped; speeds are not read."""
+    """Return messages with the position of each at its time stamp; speeds are not read."""
     points = np.asarray(points, float)
     return Peers((np.asarray(stamps, np.int64), points[:, 0], points[:, 1], *np.zeros((2, len(points)))))
 
 
 @jax.jit
 def limit_all(barrier, t, q, wanted, stamps, said):
-    """Of n craft at once; stamps (receiver, sender), said (receiver, sender, 2)."""
+    """Limit n craft at once; stamps (receiver, sender), said (receiver, sender, 2)."""
 
     def one(number, q, wanted, stamps, said):
         zeros = np.zeros(said.shape[0])
@@ -35,7 +35,7 @@ def nearest_pair(q):
 
 
 def random_start(rng, n, distance):
-    """Points at least `distance` apart, in a room that is not much larger than it must be."""
+    """Return random points at least `distance` apart in a small room."""
     points = [rng.uniform(-2, 2, 2)]
     while len(points) < n:
         p = rng.uniform(-2, 2, 2)
@@ -45,10 +45,10 @@ def random_start(rng, n, distance):
 
 
 def fly(seed, n=6, steps=300, barrier=BARRIER):
-    """Points that chase one another, over channels of random loss and delay; gives the least distance and the way gone.
+    """Simulate points that chase each other over lossy, delayed channels; return least distance and way travelled.
 
-    A dumb channel: each message of each pair has its own delay, a quarter of the pairs are silent half of the time, and
-    a message that comes is the newest or not, as it likes; receivers keep the newest.
+    In this channel each message has its own delay, and a quarter of the pairs are silent half of the time.
+    Messages may arrive out of order; receivers keep the newest.
     """
     rng = np.random.default_rng(seed)
     q = random_start(rng, n, barrier.distance)
@@ -75,7 +75,7 @@ def fly(seed, n=6, steps=300, barrier=BARRIER):
 
 @pytest.mark.thorough("2", "3", "4", "5")
 @pytest.mark.parametrize("seed", range(6))
-def test_points_that_chase_one_another_never_come_nearer_than_the_distance(seed):
+def test_chasing_points_keep_the_minimum_distance(seed):
     nearest, way = fly(seed)
     assert nearest >= BARRIER.distance - 1e-9
     assert way > 0.2, "nobody moved: that proves nothing"
@@ -83,14 +83,14 @@ def test_points_that_chase_one_another_never_come_nearer_than_the_distance(seed)
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
-def test_nor_do_they_in_three_hundred_other_starts():
+def test_minimum_distance_holds_from_300_random_starts():
     least = min(fly(seed, n=2 + seed % 6, steps=150)[0] for seed in range(100, 400))
     print(f"least distance less the one to keep, of 300 starts: {least - BARRIER.distance:.3g} m")
     assert least >= BARRIER.distance - 1e-9
 
 
-def test_what_is_allowed_holds_for_every_place_where_the_neighbour_may_be():
-    """The proof's inequality, e.u >= -(a/2) h, for 200 places in the disc of radius V age, of random situations."""
+def test_barrier_condition_holds_for_every_possible_neighbour_position():
+    """The inequality of the proof, e.u >= -(a/2) h, at 200 places in the disc of radius V age, at random."""
     rng = np.random.default_rng(3)
     tight, limit = 0, jax.jit(BARRIER.limit)
     for _ in range(200):
@@ -112,7 +112,7 @@ def test_what_is_allowed_holds_for_every_place_where_the_neighbour_may_be():
 
 
 @pytest.mark.thorough
-def test_who_was_never_heard_stops_everybody_and_so_does_one_who_may_be_anywhere():
+def test_missing_or_outdated_neighbour_message_stops_motion():
     wanted = np.array([0.3, 0.0])
     for stamp in (NEVER, -ms(20_000)):
         u, clearance, _ = BARRIER.limit(np.int64(0), 0, np.zeros(2), wanted, peers([0, stamp], [[0, 0], [4.0, 0.0]]))
@@ -120,7 +120,7 @@ def test_who_was_never_heard_stops_everybody_and_so_does_one_who_may_be_anywhere
         assert clearance == -BARRIER.distance
 
 
-def test_far_from_all_the_wanted_velocity_is_kept():
+def test_distant_neighbours_leave_the_wanted_velocity_unchanged():
     wanted = np.array([0.3, -0.2])
     u, clearance, oldest = BARRIER.limit(
         np.int64(ms(1000)), 0, np.zeros(2), wanted, peers([0, ms(800)], [[0, 0], [9, 0]])
@@ -130,8 +130,8 @@ def test_far_from_all_the_wanted_velocity_is_kept():
     assert oldest == pytest.approx(0.2)
 
 
-def test_two_that_meet_pass_on_the_same_side():
-    """Head on, each gives way to starboard: the other is seen to port, and both arrive."""
+def test_head_on_craft_pass_on_the_same_side():
+    """Head on, each turns to starboard, passes the other on its port side, and arrives."""
     q, goals, port = np.array([[-3.0, 0.0], [3.0, 0.0]]), np.array([[3.0, 0.0], [-3.0, 0.0]]), []
     for k in range(900):
         said = np.stack([q, q])

@@ -1,4 +1,4 @@
-"""ConstantSpin, when it may start, and its supervisor, against [1] Z. Kulis 2006, sections 2.2.6 and 2.3."""
+"""ConstantSpin, its start condition, and its supervisor, against [1] Z. Kulis 2006, sections 2.2.6 and 2.3."""
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +31,7 @@ def W_numpy(u, v, r, reference):
 
 
 def on_energy_sphere(n, energy):
-    """States (u, v, r) with exactly this kinetic energy, in random directions."""
+    """Return states (u, v, r) with exactly this kinetic energy, in random directions."""
     a = RNG.standard_normal((3, n))
     a *= np.sqrt(2 * energy) / np.linalg.norm(a, axis=0)
     return a[0] / np.sqrt(M), a[1] / np.sqrt(M), a[2] / np.sqrt(J)
@@ -50,7 +50,7 @@ def rate(law):
     return f
 
 
-def test_energy_identity_of_spin():
+def test_spin_law_satisfies_its_energy_identity():
     """[1, eq. 2.37], 1e-9."""
     law = ConstantSpin(0.7, 3.1, -2.2)
     x = RNG.uniform(-1, 1, (2000, 3)) * [2.0, 2.0, 8.0]
@@ -60,7 +60,7 @@ def test_energy_identity_of_spin():
 
 
 @pytest.mark.thorough
-def test_eigenvalues_at_the_good_point():
+def test_eigenvalues_at_the_good_point_match_published_values():
     """PI(0.5, 3.5; 3 rad/s), 1e-3."""
     A = jax.jacfwd(rate(ConstantSpin(0.5, 3.5, 3.0)))(jnp.array([0.0, 0.0, 3.0]))
     expected = np.sort_complex(np.array([-4.6751, -0.2984 + 2.6642j, -0.2984 - 2.6642j]))
@@ -68,7 +68,7 @@ def test_eigenvalues_at_the_good_point():
 
 
 @pytest.mark.parametrize("reference", [3.0, -1.5])
-def test_both_limit_points_rest_and_there_is_no_third(reference):
+def test_exactly_two_limit_points_are_equilibria(reference):
     law = ConstantSpin(reference=reference)
     spinning, sliding = HovercraftState(yaw_rate=reference), HovercraftState(sway_velocity=-ARM * reference)
     for p in (spinning, sliding):
@@ -79,7 +79,7 @@ def test_both_limit_points_rest_and_there_is_no_third(reference):
     np.testing.assert_allclose(np.unique(np.round(r[np.abs(v * r) < 1e-9], 6)), sorted({0.0, reference}), atol=1e-9)
 
 
-def test_the_bad_point_attracts_one_side_and_lets_go_of_the_other(continuous, starts):
+def test_bad_point_attracts_negative_and_repels_positive_yaw_rates(continuous, starts):
     """On the slow manifold r' = -c r^2 (r - reference): from r < 0 to the bad point, from r > 0 away from it."""
     law = ConstantSpin(reference=3.0)
     r = np.array([-0.05, 0.05])
@@ -89,7 +89,7 @@ def test_the_bad_point_attracts_one_side_and_lets_go_of_the_other(continuous, st
     assert end.yaw_rate[1, -1] == pytest.approx(3.0, abs=1e-6)
 
 
-def test_limit_point_constants():
+def test_limit_point_constants_match_published_values():
     """[1, eq. 2.48], 1e-4: W_bad(Pir = 0.288), eps(3 rad/s), and the sharp ratio."""
     assert float(limit_point_value(CRAFT, 0.288 / J)) == pytest.approx(1.63008, abs=1e-4)
     assert float(switching_energy(CRAFT, 3.0)) == pytest.approx(0.220142, abs=1e-4)
@@ -100,7 +100,7 @@ def test_limit_point_constants():
 
 
 @pytest.mark.parametrize("reference", [3.0, -0.7])
-def test_switching_energies_are_safe_and_the_sharp_one_is_sharp(reference):
+def test_switching_energies_are_safe_and_sharp_one_is_tight(reference):
     """Largest W/W_bad over 200 000 states of that energy: 0.777 as published, 1 (to 1 %) for the sharp one."""
     bad = W_numpy(0.0, -ARM * reference, 0.0, reference)
     for energy, low, high in ((switching_energy, 0.76, 0.78), (switching_energy_sharp, 0.99, 1.0)):
@@ -110,7 +110,7 @@ def test_switching_energies_are_safe_and_the_sharp_one_is_sharp(reference):
     assert W_numpy(0.0, 0.0, worst, reference) == pytest.approx(bad, rel=1e-12)
 
 
-def test_starts_below_the_limit_point_value_spin(continuous, starts):
+def test_starts_below_the_limit_point_value_reach_the_spin(continuous, starts):
     """100 of 100 starts with W < W_bad reach the good point. [1] section 2.2.6.
 
     The law is smooth: RK4 at 0.01 s with the law inside the derivative, against its fastest eigenvalue -4.7.
@@ -125,7 +125,7 @@ def test_starts_below_the_limit_point_value_spin(continuous, starts):
     assert np.abs(end.sway_velocity[:, -1]).max() < 1e-3
 
 
-def test_provision_coefficient_and_worst_state():
+def test_provision_is_tight_at_the_worst_state():
     """[1, eq. 2.69]: coefficient 0.339846 within 1e-5; equality at the worst state."""
     assert float(safe_reference_bound(CRAFT, 0.0, 1.0)) == pytest.approx(0.339846, abs=1e-5)
     for W, reference in ((0.3, 2.0), (1.1, -0.8), (0.02, 4.0)):
@@ -155,8 +155,8 @@ def test_provision_is_never_violated():
     assert flipped.any(axis=1).all()
 
 
-def test_provision_is_not_enough_above_the_limit_point_value():
-    """Its docstring says so: W > W_bad, and a reference at twice the bound still has W above its limit point value."""
+def test_provision_is_insufficient_above_the_limit_point_value():
+    """For W > W_bad a reference at twice the bound still has W above its limit point value, as documented."""
     reference, r = 0.5, -4.0
     W = W_numpy(0.0, 0.0, r, reference)
     assert (J + D) * reference**2 / 2 < W
@@ -221,6 +221,6 @@ def test_supervisor_spins_from_any_start(sampled, starts):
 
 
 @pytest.mark.thorough
-def test_the_record_and_the_function_agree():
+def test_lyapunov_method_matches_the_function():
     s = PlanarState(0.1, -0.3, 1.2, 0.0)
     assert float(ConstantSpin(reference=2.0).lyapunov(s)) == pytest.approx(float(lyapunov(CRAFT, s, 2.0)))

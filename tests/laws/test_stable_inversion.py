@@ -1,4 +1,4 @@
-"""StableInversion: what one step asks for, what it remembers, and what it refuses.
+"""StableInversion: the demand of one step, its integrals, and invalid values.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -33,7 +33,7 @@ def flown(law=LAW, x=TRIM, times=(0,)):
 
 
 @pytest.mark.thorough
-def test_at_the_trim_it_asks_for_the_trim():
+def test_demand_at_the_trim_is_the_trim():
     """Oracle, trim."""
     _, out = flown()
     np.testing.assert_allclose(out.demand.Phi, 0.264449, rtol=1e-4)
@@ -42,8 +42,8 @@ def test_at_the_trim_it_asks_for_the_trim():
 
 
 @pytest.mark.thorough
-def test_the_vehicle_accelerates_as_the_law_asked():
-    """The demand, put into the plant, gives (h'', V') = v: through the law."""
+def test_vehicle_accelerations_equal_the_demanded_ones():
+    """The law's demand, applied to the plant, gives (h'', V') = v."""
     want, gamma = LAW.command.at(20.0), 0.002
     x = HypersonicState(want.h + 1.0, want.V + 0.5, 0.0265, 0.0265 + gamma, 0.0, 0.85, 0.1, 0.8, -0.1)
     _, out = flown(x=FlexibleTruth().measure(x), times=(0, ms(20000)))
@@ -53,7 +53,7 @@ def test_the_vehicle_accelerates_as_the_law_asked():
     np.testing.assert_allclose(got, out.v, atol=1e-9)
 
 
-def test_v_is_feedforward_plus_feedback_of_all_nine():
+def test_wanted_acceleration_is_feedforward_plus_nine_state_feedback():
     x = replace(TRIM, h=85010.0, q=0.001, eta2_rate=0.3)
     _, out = flown(x=x, times=(0, ms(25000)))
     want = LAW.command.at(25.0)
@@ -65,7 +65,7 @@ def test_v_is_feedforward_plus_feedback_of_all_nine():
     np.testing.assert_allclose(out.v, expected, rtol=1e-10)
 
 
-def test_integrals_grow_with_the_error_and_stand_still_while_an_input_saturates():
+def test_integrals_accumulate_error_and_hold_during_saturation():
     law = replace(LAW, command=FilteredClimb(), Ki=((-1e-3, 0.0), (0.0, -1e-3)))
     state, _ = flown(law, replace(TRIM, h=85001.0), [ms(5 * k) for k in range(101)])
     np.testing.assert_allclose(state.integral, [0.5, 0.0], atol=1e-9)
@@ -74,7 +74,7 @@ def test_integrals_grow_with_the_error_and_stand_still_while_an_input_saturates(
     np.testing.assert_array_equal(held.integral, [0.0, 0.0])
 
 
-def test_limits_clip_and_say_so():
+def test_demand_is_clipped_to_limits_and_flagged():
     law = replace(LAW, limits=InputLimits(Phi_high=0.25))
     _, out = flown(law)
     assert float(out.demand.Phi) == 0.25
@@ -83,7 +83,7 @@ def test_limits_clip_and_say_so():
 
 @pytest.mark.parametrize("field", ["h", "V", "alpha", "eta1", "q"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_broken_estimate_gives_an_input_within_limits_and_a_flag(field, value):
+def test_nonfinite_estimate_gives_flagged_demand_within_limits(field, value):
     state, out = flown(x=replace(TRIM, **{field: value}))
     limits = LAW.limits
     assert limits.Phi_low <= float(out.demand.Phi) <= limits.Phi_high
@@ -106,6 +106,6 @@ def test_outside_the_fitted_range_is_flagged():
         ({"command": FilteredClimb(dV=-8000.0)}, "ends at"),
     ],
 )
-def test_wrong_values_are_refused(changes, says):
+def test_rejects_invalid_values(changes, says):
     with pytest.raises(InputError, match=says):
         check_values({"law": replace(LAW, **changes)})

@@ -1,4 +1,4 @@
-"""State feedback with integrals: the sums by hand, the limit of an integral, and gains that don't fit."""
+"""State feedback with integrals: hand calculation, integral limit, and gains of wrong shape."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def estimate(*state):
     return Estimate(t=0, age=0.0, fresh=True, valid=True, state=PlanarState(*state), dt=0.1)
 
 
-def test_the_demand_and_the_integral_by_hand():
+def test_demand_and_limited_integral_match_hand_calculation():
     law = StateFeedback(
         K=K, x0=np.array([1.0, 0, 0, 0.2]), u0=PlanarForce(0.3, 0.0), integrated=(0,), L=np.array([[-4.0], [0.0]]),
         most=np.array([0.15]),
@@ -39,6 +39,6 @@ def test_the_demand_and_the_integral_by_hand():
         {"integrated": (4,), "L": np.zeros((2, 1)), "most": np.ones(1)},
     ],
 )
-def test_gains_that_do_not_fit_are_refused(change):
+def test_rejects_gains_of_wrong_shape(change):
     with pytest.raises(InputError, match="StateFeedback"):
         StateFeedback(**{"K": K, **change}).check()

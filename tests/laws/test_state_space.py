@@ -1,4 +1,4 @@
-"""A compensator as a law: scipy's own sequence, its period within the autopilot's, and matrices that don't fit."""
+"""A compensator as a law: scipy's sequence, its period, and matrices of wrong shape."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def law(**change):
     return StateSpaceLaw(**how | {"u0": PlanarForce(1.0, 0.0), "period": ms(20)} | change)
 
 
-def test_its_outputs_are_scipy_s_and_held_between():
+def test_outputs_match_scipy_dlsim_and_are_held():
     errors = np.random.default_rng(0).normal(size=(30, 2))
     _, wanted, _ = dlsim((A, B, C, D, 0.02), errors)
     one = law()
@@ -36,7 +36,7 @@ def test_its_outputs_are_scipy_s_and_held_between():
     np.testing.assert_array_equal(np.array(seen)[1::4], np.array(seen)[::4])
 
 
-def test_matrices_that_do_not_fit_are_refused():
+def test_rejects_matrices_of_mismatched_shape():
     for change in ({"A": np.zeros((2, 3))}, {"B": np.zeros((1, 2))}, {"C": np.zeros(2)}, {"D": np.zeros((2, 3))}):
         with pytest.raises(InputError, match="do not match"):
             law(**change).check()

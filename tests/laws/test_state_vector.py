@@ -1,4 +1,4 @@
-"""Errors of a state as a vector: plain, of a quaternion, and in body axes; and inputs back into their record."""
+"""State errors as vectors: plain, quaternion and body-axis errors; and input vectors added to their record."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,14 +12,14 @@ from trimtab.laws.state_vector import add_to_input, state_error
 from trimtab.vehicles.quadrotor import MultirotorState
 
 
-def test_plain_fields_in_the_order_of_their_names():
+def test_error_lists_plain_fields_in_the_given_order():
     state = PlanarState(1.0, 2.0, 3.0, 4.0)
     np.testing.assert_array_equal(state_error(state, ("heading", "surge_velocity"), np.array([0.5, 3.0])), [3.5, -2])
 
 
 @pytest.mark.thorough
-def test_a_vehicle_in_space_has_the_error_of_its_linear_model():
-    """What `design.coordinates` calls the deviation, the law finds again in the record."""
+def test_quaternion_error_matches_the_linear_model_coordinates():
+    """The error equals the deviation of `design.coordinates`."""
     x, u = steady_turn()
     model = error_model(Dart(), x, u)
     change = 0.1 * np.random.default_rng(2).normal(size=13)
@@ -36,8 +36,8 @@ def test_a_vehicle_in_space_has_the_error_of_its_linear_model():
     np.testing.assert_allclose(state_error(flipped, names, point, "q_WB", ("v_W",)), found, atol=1e-12)
 
 
-def test_a_place_counts_in_the_axes_of_the_wanted_attitude():
-    """Tilted where it is wanted, a craft is off by nothing, however far from the origin."""
+def test_position_error_is_in_axes_of_wanted_attitude():
+    """A craft tilted at its reference position has zero position error, at any distance from the origin."""
     x, _ = steady_turn()
     names, far = ("p_W", "q_WB"), np.array([1.5, 0.0, -3.0])
     here = replace(x, p_W=far, q_WB=np.array([np.cos(0.1), np.sin(0.1), 0.0, 0.0]))
@@ -50,12 +50,12 @@ def test_a_place_counts_in_the_axes_of_the_wanted_attitude():
     np.testing.assert_allclose(e, [1.0, 0, 0, 0, 0, 0], atol=1e-12)
 
 
-def test_four_numbers_with_a_unit_are_no_quaternion():
+def test_four_element_field_with_unit_is_not_a_quaternion():
     state = MultirotorState(rotor_speed=np.array([1.0, 2.0, 3.0, 4.0]))
     np.testing.assert_array_equal(state_error(state, ("rotor_speed",), np.ones(4)), [0, 1, 2, 3])
 
 
-def test_inputs_go_back_into_their_record():
+def test_adds_a_vector_to_the_input_record():
     new = add_to_input(PlanarForce(1.0, 2.0), jnp.array([0.5, -0.5]))
     assert (float(new.FX), float(new.FY)) == (1.5, 1.5)
     wrench = add_to_input(DartInput(np.ones(3), np.zeros(3)), jnp.arange(6.0))

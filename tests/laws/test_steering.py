@@ -1,4 +1,4 @@
-"""The heading autopilot against a model of its own, and its limits."""
+"""The heading autopilot on a ship model, and its limits."""
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ DT = 0.02
 
 
 def turn_ship(steering, asked, seconds, *, speed=0.58, heading=0.0, gain=0.5, lag=2.0, bias=0.0, read=lambda psi: psi):
-    """Headings, yaw rates and rudders of a ship T r' + r = -K (U/U0)² (rudder + bias), one row each step."""
+    """Return headings, yaw rates and rudders of a ship T r' + r = -K (U/U0)² (rudder + bias), a row per step."""
 
     @jax.jit
     def step(state, psi, r):
@@ -28,14 +28,14 @@ def turn_ship(steering, asked, seconds, *, speed=0.58, heading=0.0, gain=0.5, la
 
 
 @pytest.mark.thorough
-def test_it_turns_to_the_heading_the_shorter_way():
+def test_turns_to_the_heading_the_shorter_way():
     rows = turn_ship(Steering(), asked=3.0, heading=-3.0, seconds=60)
     assert np.all(np.diff(rows[:150, 0]) <= 0), "from -3 down to 3 - 2 pi"
     assert rows[-1, 0] == pytest.approx(3.0 - 2 * np.pi, abs=0.02)
 
 
 @pytest.mark.thorough
-def test_a_compass_that_jumps_at_south_does_not_matter():
+def test_compass_wrap_at_south_leaves_steering_unchanged():
     smooth = turn_ship(Steering(), asked=3.6, heading=2.8, seconds=30)
     jumping = turn_ship(Steering(), asked=3.6, heading=2.8, seconds=30, read=wrap)
     np.testing.assert_allclose(jumping[:, :3], smooth[:, :3], atol=1e-9)
@@ -43,14 +43,14 @@ def test_a_compass_that_jumps_at_south_does_not_matter():
 
 
 @pytest.mark.thorough
-def test_an_integral_finds_a_rudder_that_stands_askew():
+def test_integral_action_compensates_a_rudder_bias():
     rows = turn_ship(Steering(ki=0.1), asked=0.5, seconds=150, bias=0.1)
     assert rows[-1, 0] == pytest.approx(0.5, abs=1e-3)
     assert rows[-1, 2] == pytest.approx(-0.1, abs=2e-3)
     assert abs(turn_ship(Steering(ki=0.0), asked=0.5, seconds=150, bias=0.1)[-1, 0] - 0.5) > 0.05
 
 
-def test_the_reference_is_critically_damped_and_turns_no_faster_than_it_may():
+def test_heading_reference_is_critically_damped_and_rate_limited():
     rows = turn_ship(Steering(fastest=0.1), asked=1.0, seconds=40)
     assert np.abs(rows[:, 4]).max() == pytest.approx(0.1)
     assert rows[:, 3].max() <= 1.0 + 1e-6
@@ -60,7 +60,7 @@ def test_the_reference_is_critically_damped_and_turns_no_faster_than_it_may():
     np.testing.assert_allclose(turn_ship(slow, asked=1.0, seconds=20)[:, 3], exact, atol=DT)
 
 
-def test_rudder_stays_within_its_limit_and_the_integral_waits_there():
+def test_rudder_is_limited_and_integral_held_at_the_limit():
     steering = Steering(limit=0.05, ki=0.5)
     rows = turn_ship(steering, asked=2.0, seconds=20)
     assert np.abs(rows[:, 2]).max() == pytest.approx(0.05)
@@ -70,7 +70,7 @@ def test_rudder_stays_within_its_limit_and_the_integral_waits_there():
     assert float(state.integral) == 0.0
 
 
-def test_rudder_goes_with_the_inverse_square_of_the_speed_down_to_the_slowest():
+def test_rudder_scales_with_inverse_square_of_limited_speed():
     steering = Steering(speed=1.0, slowest=0.5)
 
     def rudder(speed):

@@ -1,4 +1,4 @@
-"""Swing-up: the gain is the regulator's, energy rises to that of the upright pole, and the whole loop catches it."""
+"""Swing-up: the LQR gain, the energy rising to that of the upright pole, and the full loop."""
 
 import jax
 import jax.numpy as jnp
@@ -17,14 +17,14 @@ LAW = SwingUp()
 
 
 def at(angle, rate=0.0, mode=SWING, valid=True):
-    """State and output of the law there."""
+    """Return state and output of the law there."""
     x = CartPoleState(0.0, 0.0, angle, rate)
     estimate = Estimate(t=0, age=0.0, fresh=True, valid=jnp.asarray(valid), state=x, stick=None, dt=0.01)
     return LAW.step(0, SwingUpState(mode=np.int32(mode)), estimate)
 
 
 def linear_model():
-    """A and B of the upright pole."""
+    """Return A and B of the upright pole."""
 
     def rates(y, u):
         d = CartPole().dynamics(0.0, CartPoleState(*y), CartForce(u))
@@ -35,14 +35,14 @@ def linear_model():
 
 
 @pytest.mark.thorough
-def test_its_gain_is_the_linear_regulators():
+def test_gain_matches_the_lqr_design():
     A, B = linear_model()
     K = lqr(A, B, np.diag([1.0, 1.0, 10.0, 1.0]), np.array([[0.1]])).K[0]
     np.testing.assert_allclose(-np.asarray(LAW.K), K, rtol=1e-4)
     assert np.linalg.eigvals(A - B @ np.asarray(LAW.K)[None]).real.max() < -0.5
 
 
-def test_it_swings_then_balances_and_lets_go_far_out():
+def test_switches_between_swing_and_balance_modes():
     assert at(np.pi - 0.1)[0].mode == SWING
     assert at(2 * np.pi + 0.2)[0].mode == BALANCE
     assert at(0.2, rate=3.0)[0].mode == SWING
@@ -54,7 +54,7 @@ def test_it_swings_then_balances_and_lets_go_far_out():
 
 @pytest.mark.parametrize("angle", [0.5, 1.3, 2.0, 3.0])
 @pytest.mark.parametrize("rate", [-3.0, 0.5, 2.0])
-def test_it_never_takes_the_energy_away_from_where_it_is_wanted(angle, rate):
+def test_swing_drives_the_energy_toward_the_target(angle, rate):
     """E' = -m l a q' cos q has the other sign than E."""
     x, out = CartPoleState(0.0, 0.0, angle, rate), at(angle, rate)[1]
     a = CartPole().dynamics(0.0, x, out.demand).speed
@@ -63,7 +63,7 @@ def test_it_never_takes_the_energy_away_from_where_it_is_wanted(angle, rate):
 
 
 @pytest.mark.thorough
-def test_the_whole_loop_swings_it_up_and_holds_it():
+def test_full_loop_swings_up_and_balances_the_pole():
     scenario = build("cart-pole/swing-up")
     for flown in (scenario, scenario.ideal()):
         log = simulate(flown)
@@ -75,7 +75,7 @@ def test_the_whole_loop_swings_it_up_and_holds_it():
         assert np.abs(log["truth.position"][-100:]).max() < 0.02
 
 
-def test_it_catches_the_pole_from_wherever_it_hangs():
+def test_catches_the_pole_from_every_hanging_angle():
     scenario = build("cart-pole/swing-up")
     angles = np.pi + np.linspace(-1.0, 1.0, 64)
     angles = angles[abs(angles - np.pi) > 0.05]
@@ -84,6 +84,6 @@ def test_it_catches_the_pole_from_wherever_it_hangs():
     assert np.abs(lean).max() < 0.02
 
 
-def test_a_weak_motor_does_not():
+def test_weak_motor_fails_to_balance():
     log = simulate(build("cart-pole/swing-up", {"world.actuators.stages.force.0.high": "0.5"}))
     assert not (log["law.mode"][-100:] == BALANCE).all()

@@ -1,4 +1,4 @@
-"""Velocity laws against [1] Z. Kulis 2006, section 2.2, and against what is derived on the docs page."""
+"""Velocity laws against [1] Z. Kulis 2006, section 2.2, and the derivations on the docs page."""
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +31,7 @@ def estimate(u, v, r):
 
 
 def closed_loop(law):
-    """(u, v, r) -> their derivatives, from the equations of motion written out again."""
+    """Return (u, v, r) -> their derivatives, from independent equations of motion."""
 
     def rate(x):
         u, v, r = x
@@ -46,7 +46,7 @@ def value(law):
 
 
 def decay(law):
-    """dW/dt at a state, by automatic differentiation."""
+    """Return dW/dt at a state, by automatic differentiation."""
     return jax.jit(jax.vmap(lambda x: jnp.dot(jax.grad(value(law))(x), closed_loop(law)(x))))
 
 
@@ -60,13 +60,13 @@ def eigenvalues(law):
 STATES = np.random.default_rng(0).uniform(-1, 1, (2000, 3)) * [2.0, 2.0, 8.0]
 
 
-def test_energy_identity_of_zero():
+def test_zero_velocity_law_satisfies_its_energy_identity():
     """[1, eq. 2.17], 1e-9: V' = -k1 u^2 - k2 (v - d r)^2."""
     u, v, r = STATES.T
     np.testing.assert_allclose(decay(ZeroVelocity(0.7, 3.1))(STATES), -0.7 * u**2 - 3.1 * (v - D * r) ** 2, atol=1e-9)
 
 
-def test_energy_identity_of_forward():
+def test_forward_momentum_law_satisfies_its_energy_identity():
     """[1, eq. 2.23] with lambda = 1 + kappa, 1e-9."""
     k1, k2, PXr = 0.7, 3.1, 1.9
     kappa = PXr / (k2 * D)
@@ -76,7 +76,7 @@ def test_energy_identity_of_forward():
     np.testing.assert_allclose(got, -k1 * (u - PXr / M) ** 2 - k2 * form, atol=1e-9)
 
 
-def test_energy_identity_of_matched():
+def test_matched_momentum_law_satisfies_its_energy_identity():
     """[1, eq. 2.29]: without cross terms, 1e-9."""
     k1, PXr = 0.7, 1.9
     u, v, r = STATES.T
@@ -85,8 +85,8 @@ def test_energy_identity_of_matched():
     np.testing.assert_allclose(got, -k1 * (u - PXr / M) ** 2 - k2 * (v**2 + D**2 * r**2), atol=1e-9)
 
 
-def test_forward_decreases_for_all_gains():
-    """W' < 0 off the equilibrium for 400 random gains, most against the source's k2 > PXr/d."""
+def test_forward_lyapunov_function_decreases_for_all_gains():
+    """W' < 0 off the equilibrium for 400 random gains; most violate the thesis' k2 > PXr/d."""
     draws = np.random.default_rng(1)
     gains = np.exp(draws.uniform(np.log(0.05), np.log(20), (400, 3)))
     assert (gains[:, 1] <= gains[:, 2] / D).sum() > 200
@@ -99,7 +99,7 @@ def test_forward_decreases_for_all_gains():
     assert jax.vmap(worst)(gains).max() < 0
 
 
-def test_the_sources_lambda_fails_with_the_sources_gains():
+def test_published_lambda_fails_with_published_gains():
     """[1] table 6.2 against [1, eq. 2.24]: lambda = 1 - kappa is negative, so that W has no minimum."""
     law = ForwardMomentum()
     kappa = law.reference / (law.k2 * D)
@@ -117,13 +117,13 @@ CLOSED_FORM = [
 
 
 @pytest.mark.parametrize(("law", "expected"), CLOSED_FORM, ids=lambda p: named(p) if hasattr(p, "k1") else "")
-def test_eigenvalues(law, expected):
+def test_eigenvalues_match_closed_forms(law, expected):
     """[1, eqs. 2.31 to 2.33], 1e-3."""
     np.testing.assert_allclose(eigenvalues(law), np.sort_complex(np.array(expected, complex)), atol=1e-3)
 
 
 @pytest.mark.parametrize("gains", [(1.5, 1.0, 1.44, -1.98), (0.4, 2.2, 0.7, -3.0), (2.0, 0.3, 5.0, -0.2)])
-def test_reverse_has_the_published_closed_form(gains):
+def test_reverse_eigenvalues_match_the_published_closed_form(gains):
     """[1, eq. 2.33] written out."""
     k1, k2, theta, PXr = gains
     a = D**2 * theta * M - J
@@ -132,14 +132,14 @@ def test_reverse_has_the_published_closed_form(gains):
     np.testing.assert_allclose(eigenvalues(ReverseMomentum(*gains)), np.sort_complex(np.array(s)), atol=1e-9)
 
 
-def test_reverse_is_stable_exactly_above_the_least_theta():
+def test_reverse_is_stable_only_above_the_minimum_theta():
     least = J / (D**2 * M)
     assert eigenvalues(ReverseMomentum(theta=least * 1.01)).real.max() < 0
     assert eigenvalues(ReverseMomentum(theta=least * 0.99)).real.max() > 0
 
 
 @pytest.mark.thorough
-def test_slow_manifold_slope(continuous, starts):
+def test_decay_on_slow_manifold_has_predicted_slope(continuous, starts):
     """The slope of 1/(2 r^2) over 1000 to 2000 s is 1.911 within 1 %.
 
     The law is smooth and the fast modes are damped, so RK4 at 0.1 s with the law inside the derivative is exact
@@ -178,12 +178,12 @@ def test_momentum_laws_reach_their_equilibrium(law, continuous, starts):
     np.testing.assert_allclose(end.yaw_rate, 0.0, atol=1e-3)
 
 
-def test_the_reverse_distance_is_no_lyapunov_function():
-    """Its docstring says so: it grows at some states."""
+def test_reverse_distance_is_not_a_lyapunov_function():
+    """The distance grows at some states, as documented."""
     assert decay(ReverseMomentum())(STATES).max() > 0
 
 
-def test_matched_is_forward_with_its_gain():
+def test_matched_law_equals_forward_law_at_matched_gain():
     PXr = 1.7
     a, b = ForwardMomentumMatched(0.9, PXr), ForwardMomentum(0.9, PXr / (2 * D), PXr)
     for x in STATES[:20]:
@@ -191,7 +191,7 @@ def test_matched_is_forward_with_its_gain():
         assert (float(fa.FX), float(fa.FY)) == pytest.approx((float(fb.FX), float(fb.FY)))
 
 
-def test_check_refuses_what_the_proofs_do_not_cover():
+def test_rejects_parameters_outside_the_proofs():
     for law in LAWS:
         getattr(law, "check", lambda: None)()
     for bad in (ForwardMomentum(reference=-1.0), ForwardMomentumMatched(reference=0.0), ForwardMomentum(reference=0.0)):

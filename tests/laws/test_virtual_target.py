@@ -1,4 +1,4 @@
-"""Virtual target: V falls as the proof says, the car comes to the path from everywhere, and what is refused."""
+"""Virtual target: the rate of V, convergence to the path, and infeasible paths."""
 
 import jax
 import jax.numpy as jnp
@@ -30,8 +30,8 @@ def ask(law, x, progress, valid=True, dt=0.01):
 @pytest.mark.parametrize(
     ("x", "progress"), [*CASES[:3], *(pytest.param(*case, marks=pytest.mark.thorough) for case in CASES[3:])]
 )
-def test_its_lyapunov_function_falls_as_the_proof_says(x, progress):
-    """V' = -k1 a^2 - k2 q^2/g along the closed loop, of which only the car's equations are known here."""
+def test_lyapunov_rate_matches_the_proof(x, progress):
+    """V' = -k1 a^2 - k2 q^2/g along the closed loop, from the car's equations alone."""
     new, out = ask(LAW, x, progress)
     rates = NIMBLE.dynamics(0.0, x, out.demand), (new.progress - progress) / 0.01
     start = jax.tree.map(jnp.asarray, (x, progress))
@@ -44,14 +44,14 @@ def test_its_lyapunov_function_falls_as_the_proof_says(x, progress):
 CIRCLE = Circle(radius=2.0, period=12.0, ease=0.0)
 
 
-def test_on_the_path_it_turns_as_the_path_does():
-    """A quarter of the way round, heading south."""
+def test_turn_rate_on_the_path_matches_the_curvature():
+    """A quarter of the way around, heading south."""
     out = ask(replace(LAW, reference=CIRCLE), DubinsCarState(0.0, 2.0, np.pi), 3.0)[1]
     assert float(out.demand.turn_rate) == pytest.approx(1.2 / 2.0)
     assert [out.cross_track, out.along_track, out.heading_error] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
 
 
-def test_it_steers_back_and_asks_no_more_than_the_car_has():
+def test_steers_back_to_the_path_within_turn_limit():
     law = VirtualTarget(reference=CIRCLE)
     outside, far = (ask(law, DubinsCarState(0.0, e, np.pi), 3.0)[1] for e in (2.1, 4.0))
     assert outside.cross_track < 0  # to the left of a path that turns to the right
@@ -60,8 +60,8 @@ def test_it_steers_back_and_asks_no_more_than_the_car_has():
     assert float(far.demand.turn_rate) == pytest.approx(1.0 / 0.8)
 
 
-def test_before_its_beginning_the_path_is_straight():
-    """The target runs back along the first tangent, as far as it is behind, and doesn't turn yet."""
+def test_path_is_extended_straight_before_its_start():
+    """Before the start the target moves on the first tangent and does not turn."""
     law, x, w = replace(LAW, reference=CIRCLE), np.array([2.0, -3.0]), 2 * np.pi / 12
     angle, pace = w * BEGIN, 2.0 * w
     ahead, right = np.array([-np.sin(angle), np.cos(angle)]), -np.array([np.cos(angle), np.sin(angle)])
@@ -76,12 +76,12 @@ def test_before_its_beginning_the_path_is_straight():
     assert away.progress < 0.0
 
 
-def test_the_target_stands_still_without_an_estimate():
+def test_invalid_estimate_holds_the_target():
     assert ask(LAW, CASES[0][0], 3.0, valid=False)[0].progress == 3.0
 
 
 def drive(law, x, seconds, dt=0.05):
-    """Where the car is after so long, and what the law said last."""
+    """Return the car's state after the given time, and the last output of the law."""
     state = law.init(None)
 
     def step(x, state):
@@ -97,8 +97,8 @@ def drive(law, x, seconds, dt=0.05):
     return x, out
 
 
-def test_from_rest_to_rest_it_goes_straight_on_beyond_the_end():
-    """A path that begins and ends at rest has a direction there: that which it sets out in, and that which it had."""
+def test_rest_to_rest_path_continues_straight_beyond_its_end():
+    """A path that starts and ends at rest has a direction there: its first and its last direction of motion."""
     law = VirtualTarget(reference=pass_waypoints(((0.0, 0.0), (4.0, 0.0), (8.0, 3.0)), 0.5))
     x, out = drive(law, DubinsCarState(-1.0, 0.1, 0.0), 6.0)
     assert abs(float(out.cross_track)) < 0.02
@@ -113,8 +113,8 @@ def test_from_rest_to_rest_it_goes_straight_on_beyond_the_end():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("runs", [100, pytest.param(1000, marks=pytest.mark.thorough)])
-def test_the_car_comes_to_the_path_from_everywhere(runs):
-    """From within 2 m of its beginning, at any heading, turned away too."""
+def test_car_converges_to_the_path_from_random_starts(runs):
+    """From within 2 m of the start, at any heading."""
     rng = np.random.default_rng(5)
     spread = {f"initial.{name}": rng.uniform(-2, 2, runs) for name in ("north", "east")}
     spread["initial.heading"] = rng.uniform(-np.pi, np.pi, runs)
@@ -128,7 +128,7 @@ def test_the_car_comes_to_the_path_from_everywhere(runs):
 
 
 @pytest.mark.thorough
-def test_a_path_with_bends_too_tight_is_refused():
+def test_rejects_a_path_with_too_tight_bends():
     tight = VirtualTarget(reference=Circle(radius=0.5, period=6.0, ease=0.0))
     with pytest.raises(InputError, match=r"circle of 0\.50 m"):
         tight.check_duration(10.0)

@@ -1,4 +1,4 @@
-"""A cart on a rail, and parts so small that every number of a run can be said beforehand."""
+"""A cart on a rail with minimal parts, so that every number of a run is known in advance."""
 
 from typing import Any, ClassVar
 
@@ -45,7 +45,7 @@ class Cart:
 
 @record
 class RulerReading:
-    """What the ruler gives. Source: this test."""
+    """Reading of the ruler. Source: this test."""
 
     x: Any = quantity("m", "Along the rail.")
     v: Any = quantity("m/s", "Along the rail.")
@@ -53,7 +53,7 @@ class RulerReading:
 
 @record
 class Ruler:
-    """Place and speed without error; its state counts the samples. Source: this test."""
+    """Position and speed without error; the state counts the samples. Source: this test."""
 
     period: int = period("Time between samples.", default=SECOND)
 
@@ -69,7 +69,7 @@ class Ruler:
 
 @record
 class Drive:
-    """Does what it is told; at rest until it is told something. Source: this test."""
+    """Applies the command; the output is zero before the first command. Source: this test."""
 
     period: int = period("How often it acts.", default=SECOND)
 
@@ -85,7 +85,7 @@ class Drive:
 
 @record
 class LawOutput:
-    """What the law wants. Source: this test."""
+    """Demand of the law. Source: this test."""
 
     demand: Any = part("The speed.")
 
@@ -104,13 +104,13 @@ class Doubling:
 
 
 def cart_world(**parts: Any) -> World:
-    """The cart with a ruler, wires and a drive, all each second; other parts by name."""
+    """Return a cart with a ruler, wires and a drive, each with a period of one second; keywords replace parts."""
     wire = Wire(period=SECOND)
     whole = {"sensors": {"ruler": Ruler()}, "actuators": Drive(), "downlink": wire, "uplink": wire, "max_step": SECOND}
     return World(vehicle=Cart(), **(whole | parts))
 
 
 def cart_autopilot(**parts: Any) -> Autopilot:
-    """The law on what the ruler says, each second; other parts by name."""
+    """Return an autopilot that acts on the ruler each second; keywords replace parts."""
     whole = {"estimator": Passthrough("ruler"), "law": Doubling(), "allocation": DirectAllocation(), "period": SECOND}
     return Autopilot(**(whole | parts))

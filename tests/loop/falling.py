@@ -1,4 +1,4 @@
-"""A mass that falls on a stiff floor, one that bounces off it, and a top: what one step a millisecond gets wrong."""
+"""Vehicles that one RK4 step per millisecond integrates badly: a mass on a stiff floor, a bouncing ball, a top."""
 
 from typing import Any, ClassVar
 
@@ -28,7 +28,7 @@ class HeightState:
 
 
 def motion_of(t: Any, z: Any, w: Any) -> Motion:
-    """What planar sensors feel of it: nothing."""
+    """Return a planar motion of zeros."""
     o = 0.0 * z
     zero = jnp.stack([o, o, o])
     return Motion(t, jnp.stack([o, o, -z]), zero, jnp.stack([o, o, -w]), zero, zero, zero)
@@ -54,7 +54,7 @@ class StiffFloor:
 
 @record
 class Touching(StiffFloor):
-    """The same, which says when it touches. Source: this test."""
+    """The same, with events at the contact. Source: this test."""
 
     def events(self, t: Any, x: HeightState) -> tuple[Any, ...]:
         return (x.z, -self.k * x.z - self.c * x.w)
@@ -62,7 +62,7 @@ class Touching(StiffFloor):
 
 @record
 class Ball:
-    """Falls freely and bounces, a part of its speed kept. Source: this test."""
+    """Falls freely and bounces, keeping a fraction of its speed. Source: this test."""
 
     kept: Scalar = quantity("1", "Of the speed at each bounce.", default=0.8, low=0, high=1)
 
@@ -110,7 +110,7 @@ class NormalisedTop(Top):
 
 @record
 class HandsOffOutput:
-    """Nothing is wanted. Source: this test."""
+    """Empty demand. Source: this test."""
 
     demand: Any = part("No force.")
 
@@ -131,7 +131,7 @@ class HandsOff:
 def fall(
     vehicle: Any, initial: Any, integration: Integration | None = None, *, tick: int = ms(10), s: float = 1
 ) -> Any:
-    """A scenario in which nobody steers; blocks are due each tick."""
+    """Return a scenario without control; all blocks run each millisecond."""
     world = World(
         vehicle,
         {"navigation": PlanarNavigation(period=tick)},
@@ -146,5 +146,5 @@ def fall(
 
 
 def floor() -> Scenario:
-    """On the stiff floor, one step a millisecond."""
+    """Return a fall on the stiff floor with one step per millisecond."""
     return fall(StiffFloor(), HeightState(), tick=ms(1))

@@ -1,6 +1,6 @@
-"""A lander in space as an outsider writes it: vectors and a quaternion in its state, fields named r, t, x and self.
+"""A lander in space as a new user writes it: vectors and a quaternion in its state, fields named r, t, x and self.
 
-A demand that is no input of the vehicle, integers for numbers; fly it:  trimtab run tests/loop/lander.py:hover
+The demand differs from the vehicle's input, and numbers are integers. Run:  trimtab run tests/loop/lander.py:hover
 """
 
 from typing import Any, ClassVar
@@ -23,7 +23,7 @@ G = 9.81
 
 @record
 class LanderState:
-    """Where it is and how it turns. Source: this test."""
+    """Position, velocity and attitude. Source: this test."""
 
     r: Any = quantity("m", "Position.", frame="W", shape=(3,), default=(0, 0, -10))
     v: Any = quantity("m/s", "Velocity.", frame="W", shape=(3,), default=(1, 0, 0))
@@ -35,7 +35,7 @@ class LanderState:
 
 @record
 class Thrust:
-    """What acts on it. Source: this test."""
+    """Force on the vehicle. Source: this test."""
 
     F: Any = quantity("N", "Force.", frame="W", shape=(3,))
 
@@ -73,7 +73,7 @@ class GpsReading:
 
 @record
 class Gps:
-    """Measures both without error. Source: this test."""
+    """Measures position and velocity without error. Source: this test."""
 
     period: int = period("Time between samples.", default=ms(10))
 
@@ -89,7 +89,7 @@ class Gps:
 
 @record
 class HoverOutput:
-    """What the law gives. Source: this test."""
+    """Output of the law. Source: this test."""
 
     demand: Any = part("What is wanted.")
     error: Any = quantity("m", "Way to go.", frame="W", shape=(3,))
@@ -99,7 +99,7 @@ class HoverOutput:
 
 @record
 class Hover:
-    """Springs and dampers to a place above the ground; counts the time by its own period. Source: this test."""
+    """Spring-damper law to a point above the ground; counts time by its own period. Source: this test."""
 
     k: Scalar = quantity("N/m", "Spring.", default=3)
     height: Scalar = quantity("m", "Wanted.", default=5)
@@ -140,7 +140,7 @@ class Mixer:
 
 @record
 class Acceleration:
-    """What a law may ask for. Source: this test."""
+    """Demand as an acceleration. Source: this test."""
 
     a: Any = quantity("m/s^2", "Acceleration without gravity's.", frame="W", shape=(3,))
 

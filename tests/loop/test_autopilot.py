@@ -1,4 +1,4 @@
-"""The autopilot alone: a frame in, a command out; when it stands still, and what it refuses."""
+"""The autopilot alone: a frame in, a command out; invalid estimates, and errors at construction."""
 
 from typing import Any, ClassVar
 
@@ -15,7 +15,7 @@ from trimtab.loop.structure import strengthen_types
 
 
 def frame(now, x, t=None, *, fresh=True, valid=True):
-    """What the autopilot holds at `now`: x, measured at t."""
+    """Return the frame at `now` with x measured at t."""
     t = now if t is None else t
     value = RulerReading(x=np.float64(x), v=np.float64(0.0))
     sample = Sample(value, np.int64(t), np.float64((now - t) * 1e-7), np.bool_(fresh), np.bool_(valid))
@@ -23,7 +23,7 @@ def frame(now, x, t=None, *, fresh=True, valid=True):
 
 
 def fly(autopilot, *frames):
-    """States after each frame."""
+    """Return the autopilot's state after each frame."""
     state, states = strengthen_types(autopilot.init(key(0), frame(0, 0.0, valid=False))), []
     for one in frames:
         state, command = autopilot.step(one.t, state, one)
@@ -32,21 +32,21 @@ def fly(autopilot, *frames):
     return states
 
 
-def test_a_frame_gives_the_command_of_its_instant():
+def test_a_frame_gives_a_command_with_its_time():
     (state,) = fly(cart_autopilot(), frame(SECOND, 4.0))
     assert (int(state.command.t), bool(state.command.valid), float(state.command.value.v)) == (SECOND, True, 5.0)
     assert float(state.estimate.state.x) == 4.0
     assert float(state.output.demand.v) == 5.0
 
 
-def test_without_a_sample_the_law_waits_and_the_command_is_not_valid():
+def test_missing_sample_holds_the_law_and_invalidates_the_command():
     first, second = fly(cart_autopilot(), frame(0, 0.0, valid=False), frame(SECOND, 1.0))
     assert (int(first.law), bool(first.command.valid)) == (0, False)
     assert (int(second.law), bool(second.command.valid)) == (1, True)
 
 
 @pytest.mark.parametrize("x", [np.nan, np.inf, -np.inf])
-def test_an_estimate_that_is_no_number_is_none(x):
+def test_nonfinite_estimate_is_invalid_and_holds_the_law(x):
     before, bad, after = fly(cart_autopilot(), frame(0, 1.0), frame(SECOND, x), frame(2 * SECOND, 2.0))
     assert bool(before.command.valid)
     assert not bool(bad.estimate.valid)
@@ -55,7 +55,7 @@ def test_an_estimate_that_is_no_number_is_none(x):
     assert (bool(after.command.valid), float(after.command.value.v)) == (True, 3.0)
 
 
-def test_a_number_that_the_law_does_not_read_may_be_none():
+def test_nan_in_an_unread_field_leaves_the_command_valid():
     odd = frame(0, 1.0)
     odd.samples["ruler"].value.__dict__["v"] = np.float64(np.nan)
     (state,) = fly(cart_autopilot(), odd)
@@ -64,14 +64,14 @@ def test_a_number_that_the_law_does_not_read_may_be_none():
 
 @record
 class Dividing(Doubling):
-    """Wants one over x: no number at 0. Source: this test."""
+    """Demands 1/x: infinite at 0. Source: this test."""
 
     def step(self, t: Any, state: Any, estimate: Any) -> Any:
         new, output = super().step(t, state, estimate)
         return new, type(output)(demand=Speed(1.0 / jnp.asarray(estimate.state.x)))
 
 
-def test_a_demand_that_is_no_number_is_not_sent_and_the_law_stands_still():
+def test_nonfinite_demand_invalidates_the_command_and_holds_the_law():
     good, bad = fly(cart_autopilot(law=Dividing()), frame(0, 2.0), frame(SECOND, 0.0))
     assert (bool(good.command.valid), float(good.command.value.v), int(good.law)) == (True, 0.5, 1)
     assert bool(bad.estimate.valid)
@@ -79,8 +79,8 @@ def test_a_demand_that_is_no_number_is_not_sent_and_the_law_stands_still():
     assert int(bad.law) == 1
 
 
-def test_fresh_is_what_was_not_there_at_the_last_step():
-    """By the time of measurement: what came between two steps is fresh at the next; what is held is not."""
+def test_fresh_marks_samples_newer_than_the_last_step():
+    """Freshness follows the measurement time: a sample received between two steps is fresh at the next step."""
     states = fly(
         cart_autopilot(period=2 * SECOND),
         frame(0, 1.0),
@@ -93,7 +93,7 @@ def test_fresh_is_what_was_not_there_at_the_last_step():
     np.testing.assert_allclose([float(s.estimate.age) for s in states], [0, 2, 1, 3])
 
 
-def test_between_control_periods_all_is_held_but_nothing_is_fresh():
+def test_holds_outputs_between_control_periods_without_fresh_flag():
     autopilot = cart_autopilot(period=2 * SECOND)
     (state,) = fly(autopilot, frame(0, 1.0))
     held = autopilot.hold(np.int64(SECOND), state)
@@ -103,7 +103,7 @@ def test_between_control_periods_all_is_held_but_nothing_is_fresh():
     assert bool(held.estimate.valid)
 
 
-def test_outputs_that_are_made_anew_are_not_carried_along():
+def test_recomputed_outputs_are_dropped_from_the_state():
     autopilot = cart_autopilot()
     (state,) = fly(autopilot, frame(0, 1.0))
     assert autopilot.drop_derived_outputs(state, frozenset({2 * SECOND})) is state
@@ -114,14 +114,14 @@ def test_outputs_that_are_made_anew_are_not_carried_along():
 
 @record
 class Reader(Doubling):
-    """Reads what the ruler does not give. Source: this test."""
+    """Reads a field that the ruler does not measure. Source: this test."""
 
     reads: ClassVar[tuple[str, ...]] = ("xs",)
 
 
 @record
 class Mute(Doubling):
-    """Wants nothing. Source: this test."""
+    """Gives no demand. Source: this test."""
 
     def step(self, t: Any, state: Any, estimate: Any) -> Any:
         return state, Speed(1.0 + estimate.state.x)
@@ -129,7 +129,7 @@ class Mute(Doubling):
 
 @record
 class Stubborn:
-    """An allocation that reads what no demand has. Source: this test."""
+    """An allocation that reads a missing field of the demand. Source: this test."""
 
     def init(self, key: Any) -> tuple[()]:
         return ()
@@ -138,7 +138,7 @@ class Stubborn:
         return state, demand.torque
 
 
-def test_parts_that_do_not_fit_are_named_at_both_ends():
+def test_mismatched_parts_raise_an_error_naming_both():
     first = frame(0, 0.0, valid=False)
     with pytest.raises(InputError, match=r"reads sensor 'ruler', but the world sends only \(tape\)"):
         cart_autopilot().init(key(0), Frame(first.t, {"tape": first.samples["ruler"]}))

@@ -1,4 +1,4 @@
-"""A calibration put into a scenario: the world has it, the autopilot believes it, logs say so, replays need no file."""
+"""A calibration applied to a scenario: world, autopilot, log and replay."""
 
 import json
 from pathlib import Path
@@ -34,7 +34,7 @@ BOAT = Calibration(
 )
 
 
-def test_every_copy_has_the_number_and_tables_are_made_again() -> None:
+def test_calibrated_value_reaches_every_copy_and_rebuilds_tables() -> None:
     calibrated = with_calibration(build(NAME), BOAT)
     values = {path: value for path, value, _ in leaves(calibrated.scenario)}
     assert values["world.vehicle.inertia"] == values["autopilot.law.model.inertia"] == 0.11
@@ -47,7 +47,7 @@ def test_every_copy_has_the_number_and_tables_are_made_again() -> None:
     assert calibrated.unused == ("IdentifiedGyro.b0",)
 
 
-def test_thrust_that_was_measured_by_rudder_angle_makes_both_tables() -> None:
+def test_thrust_by_rudder_angle_builds_both_thrust_tables() -> None:
     angles = np.arange(-40, 41, 10) * DEG
     entries = {
         "Thruster.coefficient": Entry(0.011, "N/krpm^2", 1e-4),
@@ -70,14 +70,14 @@ def test_thrust_that_was_measured_by_rudder_angle_makes_both_tables() -> None:
         ("Thruster.reverse_ratio", Entry([1.0, 2.0], "1"), "has shape (2,)"),
     ],
 )
-def test_what_does_not_fit_is_refused(name: str, entry: Entry, words: str) -> None:
+def test_rejects_calibration_entries_that_do_not_fit(name: str, entry: Entry, words: str) -> None:
     with pytest.raises(InputError) as refused:
         with_calibration(build(NAME), Calibration({name: entry}))
     assert words in str(refused.value)
 
 
 @pytest.mark.thorough
-def test_a_log_holds_its_calibration_and_replays_without_the_file(tmp_path: Path) -> None:
+def test_log_stores_the_calibration_and_replays_without_the_file(tmp_path: Path) -> None:
     file = tmp_path / "boat.toml"
     file.write_text(format_calibration(BOAT), encoding="utf-8")
     log = simulate(build(NAME, {"calibration": str(file), "duration": "1 s"}))
@@ -91,7 +91,7 @@ def test_a_log_holds_its_calibration_and_replays_without_the_file(tmp_path: Path
 
 
 @pytest.mark.thorough
-def test_the_verbs_take_it(tmp_path: Path) -> None:
+def test_commands_accept_a_calibration_file(tmp_path: Path) -> None:
     file, runner = tmp_path / "boat.toml", CliRunner()
     file.write_text(format_calibration(BOAT), encoding="utf-8")
     common = ["--set", "duration=1 s"]

@@ -1,4 +1,4 @@
-"""What a campaign draws of a calibration: its covariances, tables too, and what it says it does not draw."""
+"""Parameters that a campaign draws from a calibration: covariances, tables, and reported omissions."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ LINK_COVARIANCE = [[2.5e-7, 1e-7], [1e-7, 1.6e-7]]
 
 
 def reverse_calibration(size=1.0):
-    """A cubic fitted to ratios of 2 % at 13 speeds, three times: nearly collinear, as they are."""
+    """Return a cubic fitted to ratios with 2 % noise at 13 speeds, three times: nearly collinear coefficients."""
     n = np.repeat(np.arange(6, 12.1, 0.5), 3)
     A = np.stack([n**3, n**2, n, np.ones_like(n)], 1)
     P = np.linalg.inv(A.T @ A) * (0.02 * size) ** 2
@@ -49,7 +49,7 @@ def link_and_inertia():
 
 
 def draw(scenario, calibration, n=4000):
-    """Arrays of n worlds."""
+    """Return the arrays of n draws."""
     found = calibrated_spread(scenario, calibration)
     factors = parse_factors((path, parse_distribution(text)) for path, text in found.drawn.items())
     spread = resolve_spread(scenario, factors, found.correlate)
@@ -57,7 +57,7 @@ def draw(scenario, calibration, n=4000):
     return found, spread_arrays(spread, scenario, spread_values(spread, scenario, u))
 
 
-def test_numbers_are_drawn_with_their_covariance():
+def test_draws_parameters_with_their_covariance():
     entries = {
         "Hovercraft.inertia": Entry(0.11, "kg m^2", 0.002),
         "Thruster.coefficient": Entry(0.0125, "N/krpm^2", 1e-4),
@@ -75,7 +75,7 @@ def test_numbers_are_drawn_with_their_covariance():
     assert found.notes == ()
 
 
-def test_reverse_thrust_is_drawn_as_its_covariance_says_and_the_table_follows():
+def test_draws_reverse_thrust_with_its_covariance_and_rebuilds_the_table():
     calibration, P = reverse_calibration()
     scenario = with_calibration(build(NAME), calibration).scenario
     found, arrays = draw(scenario, calibration)
@@ -91,7 +91,7 @@ def test_reverse_thrust_is_drawn_as_its_covariance_says_and_the_table_follows():
         assert np.abs(wanted - np.asarray(scenario.world.actuators.table.values)).max() > 1e-3
 
 
-def test_a_cubic_that_would_not_rise_is_taken_back():
+def test_non_monotonic_reverse_thrust_draw_is_moved_back():
     calibration, _ = reverse_calibration(size=20.0)
     scenario = with_calibration(build(NAME), calibration).scenario
     found, arrays = draw(scenario, calibration, 500)
@@ -104,7 +104,7 @@ def test_a_cubic_that_would_not_rise_is_taken_back():
 
 
 @pytest.mark.thorough
-def test_latencies_are_drawn_by_the_errors_of_mean_and_deviation():
+def test_draws_latencies_from_errors_of_mean_and_deviation():
     calibration = link_calibration()
     scenario = with_calibration(build(NAME, {"links": "measured"}), calibration).scenario
     found, arrays = draw(scenario, calibration)
@@ -121,7 +121,7 @@ def test_latencies_are_drawn_by_the_errors_of_mean_and_deviation():
     assert np.corrcoef(means[:1000], deviations)[0, 1] == pytest.approx(0.5, abs=0.1)
 
 
-def test_what_is_not_drawn_is_said():
+def test_reports_calibration_entries_that_are_not_drawn():
     entries = {
         "Hovercraft.inertia": Entry(0.11, "kg m^2", 0.002),
         "Thruster.offset": Entry(0.02, "rad", 0.004),
@@ -140,13 +140,13 @@ def test_what_is_not_drawn_is_said():
     assert "it differs from the table for" in calibrated_spread(changed, link_and_inertia()).notes[-1]
 
 
-def test_nothing_to_draw_is_refused():
+def test_rejects_a_calibration_without_uncertainty():
     boat = Calibration({"Hovercraft.inertia": Entry(0.11, "kg m^2")})
     with pytest.raises(InputError, match="gives no uncertainty"):
         calibrated_spread(with_calibration(build(NAME), boat).scenario, boat)
 
 
-def test_stops_follow_the_rudders_table():
+def test_rudder_stops_follow_the_drawn_angle_table():
     scenario = build(NAME)
     servo = scenario.world.actuators.rudder
     angles = np.stack([np.asarray(servo.angles) * k for k in (1.0, 0.5, 1.5)])

@@ -1,4 +1,4 @@
-"""The calibration file: what is written comes back, and what is none is refused."""
+"""The calibration file: round trip, hash, merging, comparison and invalid files."""
 
 from pathlib import Path
 
@@ -30,20 +30,20 @@ ONE = Calibration(
 )
 
 
-def test_a_file_comes_back_to_the_bit() -> None:
+def test_calibration_file_round_trips_bit_for_bit() -> None:
     again = parse_calibration("file", format_calibration(ONE))
     assert again == ONE
     assert again.content_hash() == ONE.content_hash()
 
 
-def test_a_changed_number_has_another_hash_a_changed_source_has_not() -> None:
+def test_hash_depends_on_values_but_not_on_sources() -> None:
     entry = ONE.entries["Hovercraft.inertia"]
     other = Calibration({**ONE.entries, "Hovercraft.inertia": entry._replace(value=0.097)}, ONE.covariances)
     named = Calibration({**ONE.entries, "Hovercraft.inertia": entry._replace(source="again")}, ONE.covariances)
     assert other.content_hash() != ONE.content_hash() == named.content_hash()
 
 
-def test_a_procedure_done_again_replaces_what_it_found() -> None:
+def test_repeated_procedure_replaces_its_earlier_results() -> None:
     new = Calibration({"Thruster.reverse_ratio": Entry([0.0, 0.0, 0.0, 0.5], "1", procedure="reverse")})
     merged = ONE.merge(new)
     assert merged.entries["Thruster.reverse_ratio"].value == [0.0, 0.0, 0.0, 0.5]
@@ -51,12 +51,12 @@ def test_a_procedure_done_again_replaces_what_it_found() -> None:
     assert not merged.covariances
 
 
-def test_joint_covariance_has_what_was_found_together() -> None:
+def test_joint_covariance_contains_recorded_cross_covariances() -> None:
     P = joint_covariance(ONE, ["Thruster.reverse_ratio[1]", "Hovercraft.inertia", "Thruster.reverse_ratio[0]"])
     np.testing.assert_allclose(P, [[1e-6, 0, -9e-8], [0, 1e-6, 0], [-9e-8, 0, 1e-8]])
 
 
-def test_comparison_counts_standard_errors() -> None:
+def test_comparison_gives_the_difference_in_standard_errors() -> None:
     entry = ONE.entries["Hovercraft.inertia"]
     other = Calibration({"Hovercraft.inertia": entry._replace(value=entry.value + 0.003 * np.sqrt(2))})
     changes = compare_calibrations(ONE, other)
@@ -79,13 +79,13 @@ def test_comparison_counts_standard_errors() -> None:
         ('version = 1\n[[covariance]]\nof = ["A.b"]\nmatrix = [[1.0]]', "has no entry"),
     ],
 )
-def test_what_is_none_is_refused(text: str, words: str) -> None:
+def test_rejects_invalid_calibration_files(text: str, words: str) -> None:
     with pytest.raises(InputError) as refused:
         parse_calibration("calibration 'boat.toml'", text)
     assert words in str(refused.value)
     assert "Fix: " in str(refused.value)
 
 
-def test_a_missing_file_says_how_to_make_one(tmp_path: Path) -> None:
+def test_missing_file_error_names_the_calibrate_command(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="trimtab calibrate thrust"):
         read_calibration(tmp_path / "none.toml")

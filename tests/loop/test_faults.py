@@ -1,4 +1,4 @@
-"""Faults: each word for each kind of part against what its page says, texts, and runs that are untouched by none."""
+"""Faults: each kind on each type of part against its documentation, fault texts, and dormant faults."""
 
 import functools
 
@@ -30,7 +30,7 @@ N, SLOTS = 300, 40
 
 @record
 class Reading:
-    """What the odometer tells. Source: this test."""
+    """Reading of the odometer. Source: this test."""
 
     distance: Scalar = quantity("m", "Rises by one a step, from 100.")
     ok: Scalar = quantity("1", "Always.", kind="flag")
@@ -75,7 +75,7 @@ def _scanned(part, given, carried):
 
 
 def flown(part, given, carried=False):
-    """Outputs of N steps, as numpy arrays; compiled once for all words."""
+    """Return the outputs of N steps as numpy arrays; compiled once for all fault kinds."""
     return jax.tree.map(np.asarray, _scanned(to_arrays(part), given, carried))
 
 
@@ -109,7 +109,7 @@ TRUE = 100.0 + K
 
 
 def _is_itself(out: Sample, where):
-    """Samples as the part itself gives them."""
+    """Assert that the samples equal those of the part without a fault."""
     np.testing.assert_array_equal(out.value.distance[where], TRUE[where])
     np.testing.assert_array_equal(out.t[where], K[where] * STEP)
     assert out.fresh[where].all()
@@ -118,7 +118,7 @@ def _is_itself(out: Sample, where):
 
 
 def _is_silent(out, where, last):
-    """Nothing new since step `last`, and an age that grows."""
+    """Assert that no sample is newer than step `last` and that the age grows."""
     np.testing.assert_array_equal(out.t[where], np.broadcast_to(last, N)[where] * STEP)
     np.testing.assert_array_equal(out.value.distance[where], (100.0 + np.broadcast_to(last, N))[where])
     np.testing.assert_allclose(out.age[where], (K - last)[where] * 0.01, atol=1e-12)
@@ -127,13 +127,13 @@ def _is_silent(out, where, last):
 
 @pytest.mark.parametrize("make", [sensor, channel])
 @pytest.mark.parametrize("word", ["none", "off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"])
-def test_before_and_after_the_part_is_itself(make, word):
+def test_part_is_unchanged_before_and_after_the_fault(make, word):
     out = make(word, 0.2 if word in ("delayed", "intermittent") else 3.0)
     _is_itself(out, ~ACTS if word != "none" else K >= 0)
 
 
 @pytest.mark.parametrize("make", [sensor, channel])
-def test_off_gives_nothing_new(make):
+def test_off_delivers_no_new_samples(make):
     _is_silent(make("off"), ACTS, START - 1)
 
 
@@ -150,7 +150,7 @@ def test_stuck_sensor_repeats_its_value_with_new_times():
     assert out.fresh[ACTS].all()
 
 
-def test_stuck_link_repeats_the_whole_sample():
+def test_stuck_link_repeats_value_and_timestamp():
     out = channel("stuck")
     assert (out.t[ACTS] == (START - 1) * STEP).all()
     assert (out.value.distance[ACTS] == 100.0 + START - 1).all()
@@ -158,7 +158,7 @@ def test_stuck_link_repeats_the_whole_sample():
     np.testing.assert_allclose(out.age[ACTS], (K[ACTS] - (START - 1)) * 0.01)
 
 
-def test_garbage_of_a_sensor_is_anything():
+def test_garbage_sensor_gives_random_values_and_nan():
     out = sensor("garbage", 10.0)
     wild = out.value.distance[ACTS]
     assert 3 < np.isnan(wild).sum() < 30, "13 % of 100"
@@ -170,7 +170,7 @@ def test_garbage_of_a_sensor_is_anything():
     np.testing.assert_array_equal(out.t[ACTS], K[ACTS] * STEP)
 
 
-def test_garbage_on_a_link_is_refused():
+def test_garbage_on_a_link_is_discarded():
     _is_silent(channel("garbage"), ACTS, START - 1)
 
 
@@ -184,7 +184,7 @@ def test_wrong_scales_and_biases_real_numbers(make):
 
 
 @pytest.mark.parametrize("make", [sensor, channel])
-def test_slow_lets_every_nth_pass(make):
+def test_slow_passes_every_nth_sample(make):
     out = make("slow", 4)
     passed = (K + 1) % 4 == 0
     _is_itself(out, ACTS & passed)
@@ -193,7 +193,7 @@ def test_slow_lets_every_nth_pass(make):
 
 
 @pytest.mark.parametrize("make", [sensor, channel])
-def test_delayed_gives_old_samples_with_their_true_times(make):
+def test_delayed_gives_old_samples_with_original_timestamps(make):
     out = make("delayed", 0.25)
     first = ACTS & (K < START + 25)
     _is_silent(out, first, START - 1)
@@ -205,7 +205,7 @@ def test_delayed_gives_old_samples_with_their_true_times(make):
 
 
 @pytest.mark.parametrize("make", [sensor, channel])
-def test_intermittent_is_off_by_chance_in_slots(make):
+def test_intermittent_is_off_in_random_slots(make):
     out = make("intermittent", 0.4, duration=200 * STEP)
     slots = out.fresh[START:300].reshape(-1, 10)
     assert (slots.all(axis=1) | ~slots.any(axis=1)).all(), "a slot of 100 ms is on or off as a whole"
@@ -213,7 +213,7 @@ def test_intermittent_is_off_by_chance_in_slots(make):
     _is_itself(out, out.fresh)
 
 
-def test_all_that_goes_over_a_link_is_hit_together():
+def test_intermittent_link_drops_all_its_messages_together():
     f = FaultyChannel(Wire(period=STEP), fault("intermittent", 0.5, duration=200 * STEP))
 
     def run(name):
@@ -224,7 +224,7 @@ def test_all_that_goes_over_a_link_is_hit_together():
     assert run("downlink.imu") == run("downlink.ranging")
 
 
-def test_actuators():
+def test_faulty_actuators_give_the_expected_output():
     wanted = 1.0 + K
     for word, severity, expected in (
         ("none", 1.0, wanted),
@@ -239,14 +239,14 @@ def test_actuators():
         np.testing.assert_array_equal(u.FY, -expected, err_msg=word)
 
 
-def test_garbage_of_actuators_is_finite_and_of_the_size_told():
+def test_garbage_actuators_are_finite_with_the_given_deviation():
     u = actuators("garbage", 2.0)
     assert np.isfinite(u.FX).all()
     assert u.FX[ACTS].std() == pytest.approx(2.0, rel=0.3)
     np.testing.assert_array_equal(u.FX[~ACTS], 1.0 + K[~ACTS])
 
 
-def test_intermittent_actuators_are_neutral_by_chance():
+def test_intermittent_actuators_are_neutral_in_random_slots():
     u = actuators("intermittent", 0.5)
     dead = (u.FX == 0)[ACTS].reshape(-1, 10)
     assert (dead.all(axis=1) | ~dead.any(axis=1)).all()
@@ -254,7 +254,7 @@ def test_intermittent_actuators_are_neutral_by_chance():
 
 
 @pytest.mark.thorough
-def test_a_fault_waits_for_what_it_watches():
+def test_fault_starts_when_the_watched_signal_crosses_its_level():
     out = sensor("off", start=50 * STEP, duration=20 * STEP, watch="p_WB.0", level=250.0)
     acts = (K >= 151) & (K < 171)
     _is_silent(out, acts, 150)
@@ -264,13 +264,13 @@ def test_a_fault_waits_for_what_it_watches():
     assert below.fresh[~((K >= 50) & (K < 70))].all()
 
 
-def test_a_link_watches_what_it_carries():
+def test_link_fault_triggers_on_a_carried_signal():
     out = channel("off", start=0, duration=5 * STEP, watch="value.distance", level=299.5)
     assert np.nonzero(~out.fresh)[0].tolist() == [200, 201, 202, 203, 204]
 
 
-def test_words_can_be_switched_while_it_runs():
-    """One compiled step, another word and another severity."""
+def test_fault_kind_changes_at_run_time_without_recompiling():
+    """One compiled step runs with several kinds and severities."""
     sensor = to_arrays(FaultySensor(Odometer(), Fault(), capacity=10))
     step = jax.jit(lambda p, t, s: p.step(t, s, motion(t)))
     state = strengthen_types(sensor.init(key(0)))
@@ -294,7 +294,7 @@ def test_words_can_be_switched_while_it_runs():
     ],
     ids=["sensor", "channel", "actuators"],
 )
-def test_its_c_computes_the_same(part, given, carried):
+def test_compiled_c_faults_match_jax(part, given, carried):
     part = to_arrays(part)
     compiled = compile(lambda part: _scanned.__wrapped__(part, given, carried), part)
     for word in WORDS:
@@ -317,7 +317,7 @@ def flight():
         pytest.param("c", marks=pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")),
     ],
 )
-def test_a_run_with_no_fault_acting_is_the_same_bit_for_bit(flight, backend):
+def test_dormant_faults_leave_a_run_bit_for_bit_unchanged(flight, backend):
     plain, wrapped = simulate(flight, backend=backend), simulate(add_dormant_faults(flight), backend=backend)
     assert plain.paths == wrapped.paths
     for path in plain.paths:
@@ -327,7 +327,7 @@ def test_a_run_with_no_fault_acting_is_the_same_bit_for_bit(flight, backend):
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_garbage_does_not_reach_the_actuators(flight):
-    """A NaN in what the law reads makes the command invalid, for as long as it is there."""
+    """A NaN in a state that the law reads makes the command invalid while the NaN lasts."""
     log = simulate(inject_faults(flight, ["sensor:navigation garbage @ 300 ms for 300 ms"]), backend="c")
     bad = ~np.isfinite([log[f"estimate.state.{n}"] for n in flight.autopilot.law.reads]).all(axis=0)
     assert bad[300:].any()
@@ -338,7 +338,7 @@ def test_garbage_does_not_reach_the_actuators(flight):
     assert log["command.valid"][-200:].all(), "it flies on"
 
 
-def test_the_imperfections_keep_their_names(flight):
+def test_dormant_faults_keep_the_names_of_imperfections(flight):
     assert add_dormant_faults(flight).imperfections().keys() == flight.imperfections().keys()
 
 
@@ -355,7 +355,7 @@ def test_the_imperfections_keep_their_names(flight):
         ("uplink off when value.speed_rpm above 100", "uplink", {"watch": "value.speed_rpm"}),
     ],
 )
-def test_texts(flight, text, where, what):
+def test_parses_fault_texts_and_injects_them(flight, text, where, what):
     place, found = parse_fault(flight, text)
     assert place == where
     assert {name: getattr(found, name) for name in what} == what
@@ -391,25 +391,25 @@ def _part(scenario, place):
         ("uplink off now", r"a part and a kind of fault"),
     ],
 )
-def test_refusals_name_the_choices(flight, text, match):
+def test_rejects_invalid_fault_texts_naming_the_choices(flight, text, match):
     with pytest.raises(InputError, match=match):
         inject_faults(flight, [text])
 
 
-def test_places_and_what_they_see(flight):
+def test_lists_fault_locations_and_watchable_paths(flight):
     assert fault_locations(flight) == ("sensor:navigation", "downlink", "uplink", "actuators")
     assert "p_WB.2" in watchable_paths(flight, "sensor:navigation")
     assert "value.rudder_pulse" in watchable_paths(flight, "actuators")
     assert "value.heading" in watchable_paths(flight, "downlink")
 
 
-def test_a_delay_that_is_not_held_is_refused():
+def test_rejects_a_delay_beyond_the_buffer_capacity():
     with pytest.raises(InputError, match="set capacity to 51"):
         FaultySensor(Odometer(), fault("delayed", 0.5)).check()
     FaultySensor(Odometer(), fault("delayed", 0.5), capacity=51).check()
 
 
-def test_faults_nest(flight):
+def test_two_faults_on_one_part_are_nested(flight):
     both = inject_faults(flight, ["uplink off @ 1 s for 1 s", "uplink wrong @ 3 s"])
     assert both.world.uplink.inner.inner is flight.world.uplink
     both.check()

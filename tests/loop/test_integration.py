@@ -1,4 +1,4 @@
-"""The truth between two instants: stiff contact against scipy's Radau, events, jumps, and what a run is told."""
+"""Integration between two instants: stiff contact against scipy's Radau, events, jumps, and reported errors."""
 
 from functools import cache
 
@@ -23,7 +23,7 @@ FLOOR, START = StiffFloor(), HeightState()
 
 @cache
 def radau(end):
-    """Height and speed after a fall on the stiff floor, by scipy."""
+    """Return height and speed after a fall on the stiff floor, by scipy."""
 
     return solve_ivp(numpy_rates, (0, end), [1.0, 0.0], method="Radau", rtol=1e-11, atol=1e-13, max_step=0.01).y[:, -1]
 
@@ -37,7 +37,7 @@ def numpy_rates(t, y):
 @pytest.mark.parametrize("backend", ["c", "jax"])
 @pytest.mark.parametrize("vehicle", [StiffFloor(), Touching()], ids=["plain", "with events"])
 @pytest.mark.parametrize("method", ["rk45", "rosenbrock"])
-def test_stiff_contact_is_radaus(method, vehicle, backend):
+def test_stiff_contact_matches_scipy_radau(method, vehicle, backend):
     fine = Integration(method=method, relative=1e-9, absolute=1e-9)
     log = simulate(fall(vehicle, START, fine), backend=backend)
     end = [log.final["truth.z"], log.final["truth.w"]]
@@ -50,7 +50,7 @@ def test_stiff_contact_is_radaus(method, vehicle, backend):
 
 
 @pytest.mark.thorough
-def test_one_step_of_order_four_is_lost_in_the_contact_and_says_so():
+def test_fixed_rk4_fails_in_stiff_contact_and_reports_the_error():
     log = simulate(fall(FLOOR, START, PLAIN_STEP))
     assert abs(log.final["truth.z"] - radau(1.0)[0]) > 100
     said = summarise_run(log, [])["integration"]
@@ -61,14 +61,14 @@ def test_one_step_of_order_four_is_lost_in_the_contact_and_says_so():
     assert summarise_run(simulate(fall(FLOOR, START), duration=ms(100)), [])["integration"] is None
 
 
-def test_an_error_in_the_last_step_is_said_too():
+def test_reports_an_integration_error_in_the_last_step():
     log = simulate(fall(FLOOR, START, PLAIN_STEP), duration=ms(460))
     assert log["world.integration_error"].max() < 1
     assert summarise_run(log, [])["integration"]["first_s"] == pytest.approx(0.46)
 
 
 @pytest.mark.thorough
-def test_the_estimated_step_is_the_plain_one_to_the_bit():
+def test_error_estimation_leaves_the_run_bit_for_bit_unchanged():
     scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     plain = simulate(scenario, duration=ms(500))
     said = replace(scenario, world=replace(scenario.world, integration=PLAIN_STEP))
@@ -79,14 +79,14 @@ def test_the_estimated_step_is_the_plain_one_to_the_bit():
     }
 
 
-def test_the_bound_on_steps_forces_one_and_says_so():
+def test_step_limit_accepts_a_large_error_and_reports_it():
     bounded = simulate(fall(FLOOR, START, Integration(method="rk45", most_steps=5)))
     assert bounded["world.steps"].max() == 5
     assert bounded["world.integration_error"].max() > 1
 
 
 def bounces(kept, end):
-    """Height, speed and number of bounces of a ball that fell from one metre, in closed form."""
+    """Return height, speed and number of bounces of a ball dropped from one metre, in closed form."""
     t, w, n = np.sqrt(2 / G), kept * np.sqrt(2 * G), 1
     while t + 2 * w / G <= end:
         t, w, n = t + 2 * w / G, kept * w, n + 1
@@ -96,7 +96,7 @@ def bounces(kept, end):
 
 @pytest.mark.thorough("rk45")
 @pytest.mark.parametrize("method", ["rk4", "rk45", "rosenbrock"])
-def test_bounces_are_located_to_rounding(method):
+def test_bounces_are_located_to_rounding_error(method):
     log = simulate(fall(Ball(), START, Integration(method=method), s=2))
     z, w, n = bounces(0.8, 2.0)
     assert log.final["truth.z"] == pytest.approx(z, abs=1e-12)
@@ -106,12 +106,12 @@ def test_bounces_are_located_to_rounding(method):
 
 
 @pytest.mark.thorough
-def test_a_world_without_an_integration_locates_events_too():
+def test_events_are_located_without_an_integration_setting():
     log = simulate(fall(Ball(), START, s=2), backend="jax")
     assert log.final["truth.z"] == pytest.approx(bounces(0.8, 2.0)[0], abs=1e-12)
 
 
-def test_several_events_in_one_step_are_located_and_too_many_are_said():
+def test_several_events_in_one_step_are_located_and_overflow_reported():
     low = HeightState(z=5e-6, w=0.0)  # falls for a millisecond; each bounce takes a quarter of the time of the last
     log = simulate(fall(Ball(kept=0.25), low, Integration(), s=0.02))
     assert log["world.events"][-1] == 8
@@ -128,7 +128,7 @@ def bounces_from(z, kept, end):
     return n
 
 
-def test_a_state_is_put_right_after_each_step():
+def test_state_is_normalised_after_each_step():
     wrong, right = (simulate(fall(vehicle, TopState(), s=2)) for vehicle in (Top(), NormalisedTop()))
     assert abs(np.linalg.norm(wrong.final["truth.q"]) - 1) > 1e-4
     assert np.linalg.norm(right.final["truth.q"]) == pytest.approx(1.0, abs=1e-15)
@@ -138,14 +138,14 @@ def test_a_state_is_put_right_after_each_step():
 
 @record
 class NamedTop(Top):
-    """The same, which says what its quaternion is. Source: this test."""
+    """The same, with a declared quaternion. Source: this test."""
 
     QUATERNIONS = ("q",)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("backend", ["c", "jax"])
-def test_an_attitude_on_the_group_turns_exactly_and_keeps_its_length(backend):
+def test_group_integration_is_exact_and_keeps_unit_quaternions(backend):
     method = Integration(attitude="group")
     log = simulate(fall(NamedTop(), TopState(), method, s=2), backend=backend)
     angle = np.linalg.norm([40.0, -30.0, 20.0])  # rad/s, for 2 s, half of it in q
@@ -155,7 +155,7 @@ def test_an_attitude_on_the_group_turns_exactly_and_keeps_its_length(backend):
     assert log["world.integration_error"].max() < 1e-3
 
 
-def test_a_group_without_a_quaternion_is_refused_before_a_run():
+def test_rejects_group_integration_without_a_quaternion():
     scenario = fall(Top(), TopState(), Integration(attitude="group"))
     with pytest.raises(InputError, match="names no quaternion") as refused:
         scenario.check()
@@ -164,8 +164,8 @@ def test_a_group_without_a_quaternion_is_refused_before_a_run():
 
 
 @pytest.mark.thorough
-def test_a_fixed_step_says_its_error_by_doubling():
-    """In free fall there is none; in the contact it is far off, and the step is the plain one to the bit."""
+def test_step_doubling_estimates_the_error_of_rk4():
+    """The error is zero in free fall and large in the contact; the step equals RK4 bit for bit."""
     doubled = simulate(fall(FLOOR, START, replace(PLAIN_STEP, method="rk4-doubling")), duration=ms(500))
     plain = simulate(fall(FLOOR, START), duration=ms(500))
     assert np.array_equal(doubled["truth.z"], plain["truth.z"])
@@ -177,7 +177,7 @@ def test_a_fixed_step_says_its_error_by_doubling():
 
 @pytest.mark.thorough("contact")
 @pytest.mark.parametrize("vehicle", [Ball(), Touching()], ids=["ball", "contact"])
-def test_lanes_and_threads_fly_the_same(vehicle):
+def test_lanes_and_threads_match_single_runs(vehicle):
     scenario = fall(vehicle, START, Integration(method="rosenbrock"), s=0.6)
     heights = np.linspace(0.5, 1.5, 64)
     batch = simulate_batch(scenario, seeds=[0] * 64, spread={"initial.z": heights}, threads=2)
@@ -187,7 +187,7 @@ def test_lanes_and_threads_fly_the_same(vehicle):
         assert batch.final[name][::21].tolist() == [log.final[name] for log in single]
 
 
-def test_settings_put_an_integration_where_there_is_none():
+def test_settings_add_a_missing_integration():
     scenario = fall(FLOOR, START)
     assert scenario.world.integration is None
     put = with_settings(scenario, {"world.integration.method": "rosenbrock", "world.integration.relative": "1e-7"})
@@ -195,8 +195,8 @@ def test_settings_put_an_integration_where_there_is_none():
 
 
 @pytest.mark.thorough
-def test_time_dependence_is_seen_by_the_implicit_step():
-    """A vehicle's dynamics at t, not at the instant: forced in time, against its closed form."""
+def test_rosenbrock_handles_time_dependent_dynamics():
+    """The dynamics are evaluated at the time of each stage: a forced oscillator against scipy's Radau."""
 
     @record
     class Forced(StiffFloor):

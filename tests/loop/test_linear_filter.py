@@ -1,4 +1,4 @@
-"""The filter of a vehicle's linear model: consistent on 1000 flights, against a dense oracle; unseen modes by name."""
+"""The filter of a vehicle's linear model: consistency, a dense reference filter, and unobservable modes."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,7 +25,7 @@ POSE = NoisyPlanarPose(position_noise=0.002, period=ms(10))
 
 
 def fly_many(changed):
-    """Errors (runs, times, n), covariances, NIS of RUNS flights that begin as the filter believes."""
+    """Return errors (runs, times, n), covariances and NIS of RUNS flights, started with the filter's covariance."""
     start = np.random.default_rng(0).normal(size=(RUNS, 4)) * list(FIRST.values())
     spread = {f"initial.{n}": start[:, i] for i, n in enumerate(NAMES)}
     signals = (*(f"{w}.{n}" for w in ("truth", "estimate.state") for n in NAMES), "estimate.P", "estimate.nis")
@@ -39,13 +39,13 @@ def mean_nees(e, P):
 
 
 def band(times, degrees):
-    """In which the mean of RUNS is at all of so many times, but in one study of a hundred."""
+    """Return the 99 % band of the mean over RUNS at all the given times together."""
     p = 0.005 / times
     return scipy.stats.chi2.ppf([p, 1 - p], degrees * RUNS) / RUNS
 
 
 @pytest.mark.thorough
-def test_the_error_is_as_large_as_the_filter_believes():
+def test_estimation_error_is_consistent_with_the_covariance():
     e, P, nis = fly_many(scenario())
     low, high = band(e.shape[1], 4)
     found = mean_nees(e, P)
@@ -56,7 +56,7 @@ def test_the_error_is_as_large_as_the_filter_believes():
 
 
 @pytest.mark.thorough
-def test_a_filter_that_believes_other_water_is_found_out():
+def test_nees_exceeds_its_band_with_a_wrong_model():
     wrong = design_filter(
         Tank(water=0.4), TankState(), Push(), {"pose": POSE}, {"pose.north": 0.002}, FIRST, period=ms(10)
     )
@@ -66,7 +66,7 @@ def test_a_filter_that_believes_other_water_is_found_out():
 
 
 @pytest.mark.thorough
-def test_an_estimate_is_that_of_a_dense_filter():
+def test_estimate_matches_a_dense_kalman_filter():
     flown = scenario()
     log, s = simulate(flown, duration="300 ms", seed=3), flown.autopilot.estimator
     linear = linearise(model_of_vehicle(Tank(), TankState(), Push()))
@@ -83,7 +83,7 @@ def test_an_estimate_is_that_of_a_dense_filter():
 
 @record
 class TwinState:
-    """Two waters in one truck. Source: this test."""
+    """Two liquids in one truck. Source: this test."""
 
     position: Scalar = quantity("m", "Of the truck.", default=0.0)
     velocity: Scalar = quantity("m/s", "Its derivative.", default=0.0)
@@ -95,7 +95,7 @@ class TwinState:
 
 @record
 class TwinTank:
-    """Its waters swing alike where `apart` is zero, and then one against the other is felt by nobody."""
+    """For `apart` zero, both liquids have one frequency, and their differential mode is unobservable."""
 
     apart: Scalar = quantity("1", "How much stiffer the one behind is, in parts.", default=0.0)
     damping: Scalar = quantity("1/s", "Of both.", default=0.1)
@@ -116,7 +116,7 @@ def twin_filter(vehicle, sensors, noise):
 
 
 @pytest.mark.thorough
-def test_a_mode_that_no_sensor_sees_is_refused_by_name():
+def test_unobservable_mode_is_rejected_with_its_states():
     sensors = {"pose": POSE, "state": TrueState(), "actuators": ActingInput()}
     with pytest.raises(InputError) as refused:
         twin_filter(TwinTank(), sensors, {"pose.north": 0.002})
@@ -129,7 +129,7 @@ def test_a_mode_that_no_sensor_sees_is_refused_by_name():
     twin_filter(TwinTank(damping=6.0), sensors, {"pose.north": 0.002})  # unseen, but it dies away by itself
 
 
-def test_modes_that_nothing_shows_come_with_their_states():
+def test_unseen_modes_are_listed_with_their_states():
     linear = linearise(model_of_vehicle(TwinTank(), TwinState(), Push()))
     assert unseen_modes(linear) == ()
     (slow,) = unseen_modes(linear.part(outputs=["velocity", "fore", "aft"]))
@@ -137,7 +137,7 @@ def test_modes_that_nothing_shows_come_with_their_states():
     assert abs(slow.pole) < 1e-6
 
 
-def test_refusals():
+def test_rejects_invalid_filter_designs():
     words = (Tank(), TankState(), Push(), {"pose": POSE})
     with pytest.raises(InputError, match=r"no sensor measures 'pose.nord'") as refused:
         design_filter(*words, {"pose.nord": 0.1}, FIRST, period=ms(10))

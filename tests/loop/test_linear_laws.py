@@ -1,4 +1,4 @@
-"""Laws from gains and compensators: the columns go where the states are, and the loops fly."""
+"""Laws from gains and compensators: the columns match the states, and the loops are stable in simulation."""
 
 import control
 import numpy as np
@@ -26,7 +26,7 @@ def certificate():
     return design_certificate(weigh_by_limits("cart", linear, LIMITS))
 
 
-def test_a_gain_comes_back_from_its_file_into_its_columns(certificate, tmp_path):
+def test_gain_read_from_file_keeps_its_columns(certificate, tmp_path):
     file = tmp_path / "gain.json"
     file.write_text(certificate_json(certificate), encoding="utf-8")
     found = read_feedback(file, CartState(), Push())
@@ -37,8 +37,8 @@ def test_a_gain_comes_back_from_its_file_into_its_columns(certificate, tmp_path)
 
 
 @pytest.mark.thorough
-def test_in_space_a_law_stands_for_the_linear_feedback():
-    """u of the law for a state off the steady turn is u0 + K e, e of `design.coordinates`."""
+def test_dart_law_equals_linear_feedback_on_error_coordinates():
+    """For a state off the steady turn, the law gives u0 + K e, with e of `design.coordinates`."""
     x, u = steady_turn()
     model = error_model(Dart(), x, u)
     linear = linearise(model)
@@ -57,14 +57,14 @@ def test_in_space_a_law_stands_for_the_linear_feedback():
 
 
 @pytest.mark.thorough
-def test_the_cart_is_held_up_and_comes_back():
+def test_feedback_balances_the_cart_and_returns_it():
     log = simulate(scenario())
     assert abs(log["truth.lean"][0]) == pytest.approx(0.1)
     assert abs(log["truth.lean"][-1]) < 1e-3
     assert abs(log["truth.position"][-1]) < 5e-3
 
 
-def test_what_the_law_believes_is_told_beside_what_flies():
+def test_reports_mismatch_between_law_model_and_vehicle():
     flown = scenario()
     heavier = replace(flown.world, vehicle=Cart(bob=0.3))
     (one,) = belief_mismatches(flown.autopilot, heavier.vehicle)
@@ -75,8 +75,8 @@ def test_what_the_law_believes_is_told_beside_what_flies():
 
 
 @pytest.mark.thorough
-def test_a_controller_of_python_control_flies(certificate):
-    """Kalman filter and gain of python-control, from position and lean alone, in the place of the state feedback."""
+def test_python_control_compensator_stabilises_the_cart(certificate):
+    """A Kalman filter and gain of python-control, from position and lean alone, replace the state feedback."""
     linear = linearise(error_model(Cart(), CartState(), Push()))
     C = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0]])
     gain, _, _ = control.lqr(linear.A, linear.B, np.diag([4.0, 1, 50, 1]), [[0.1]])

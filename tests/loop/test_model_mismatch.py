@@ -1,4 +1,4 @@
-"""What the parts of an autopilot believe of the vehicle: refused where they differ, told where the world differs."""
+"""Vehicle models in the autopilot: rejected if they differ from each other, reported if they differ from the world."""
 
 import json
 
@@ -22,7 +22,7 @@ def mismatches(scenario):
 
 
 @pytest.mark.thorough
-def test_every_copy_of_the_vehicle_is_found():
+def test_finds_every_copy_of_the_vehicle_model():
     for name, settings, copies in (
         ("hovercraft/forward", {}, ["law.model"]),
         ("hovercraft/heading-bang-bang", {}, ["law.damping.model", "law.turning.model"]),
@@ -37,7 +37,7 @@ def test_every_copy_of_the_vehicle_is_found():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("copy", ["estimator.craft", "law.craft", "law.internal.craft"])
-def test_a_craft_that_differs_inside_the_autopilot_is_refused_with_both_values_and_what_to_type(copy):
+def test_rejects_differing_autopilot_copies_with_values_and_fix(copy):
     path = f"autopilot.{copy}.m"
     with pytest.raises(InputError) as refused:
         build(CLIMB, {**PREVIEW, path: "301"})
@@ -52,7 +52,7 @@ def test_a_craft_that_differs_inside_the_autopilot_is_refused_with_both_values_a
 
 
 @pytest.mark.thorough
-def test_a_difference_that_is_named_flies_and_is_told_with_its_path():
+def test_declared_mismatch_is_allowed_and_reported_with_its_path():
     path = "autopilot.law.internal.craft"
     scenario = build(CLIMB, {**PREVIEW, f"{path}.m": "301", "mismatch": path})
     assert describe_mismatches([m._asdict() for m in mismatches(scenario)]) == (
@@ -65,14 +65,14 @@ def test_a_difference_that_is_named_flies_and_is_told_with_its_path():
         build(CLIMB, {"mismatch": "autopilot.law.command"})
 
 
-def test_laws_of_one_state_machine_believe_in_one_vehicle():
+def test_laws_of_a_state_machine_share_one_vehicle_model():
     with pytest.raises(InputError, match=r"spinning\.model\.mass: .* is 3, but .*braking\.model\.mass is 2\.6"):
         build(SPIN, {"autopilot.law.spinning.model.mass": "3"})
     assert build(SPIN, {f"autopilot.law.{law}.model.mass": "3" for law in ("spinning", "braking")})
 
 
 @pytest.mark.thorough
-def test_a_vehicle_that_differs_is_allowed_and_told():
+def test_differing_vehicle_is_allowed_and_reported():
     heavy = build(SPIN, {"world.vehicle.mass": "3", "world.vehicle.friction.torque_viscous": "0.02"})
     assert [tuple(m) for m in mismatches(heavy)] == [("friction", "none", "there"), ("mass", "2.6", "3")]
     assert describe_scenario(heavy)["mismatch"][1] == {"path": "mass", "assumed": "2.6", "actual": "3"}
@@ -81,26 +81,26 @@ def test_a_vehicle_that_differs_is_allowed_and_told():
     Campaign(SPIN, runs=4, spread={"world.vehicle.mass": "normal(100%, 5%)"})
 
 
-def test_a_campaign_may_not_spread_one_copy_unless_it_is_named():
+def test_campaign_rejects_spreading_an_undeclared_model_copy():
     spread = {"autopilot.law.spinning.model.mass": "uniform(90%, 110%)"}
     with pytest.raises(InputError, match="two parts have different models"):
         Campaign(SPIN, runs=4, spread=spread)
     Campaign(SPIN, runs=4, spread=spread, settings={"mismatch": "autopilot.law.spinning.model"})
 
 
-def test_numbers_that_are_not_finite_are_left_to_the_check_of_values():
+def test_nan_model_value_is_reported_as_not_finite():
     with pytest.raises(InputError, match="not finite"):
         build(SPIN, {"autopilot.law.spinning.model.mass": "nan"})
 
 
-def test_an_autopilot_without_copies_is_fine():
+def test_autopilot_without_model_copies_has_no_mismatch():
     scenario = build("navigation/still")
     check_beliefs(scenario.autopilot, scenario.world.vehicle)
     assert describe_mismatches([]) == ""
 
 
 @pytest.mark.thorough
-def test_many_differences_are_counted():
+def test_long_mismatch_list_is_shortened_with_a_count():
     craft = build(CLIMB).world.vehicle
     air = {name: 1.1 * getattr(craft.forces.aerodynamics, name) for name in ("CL_a", "CL_0", "CD_a", "CM_a", "CM_0")}
     modes = replace(craft.modes, w1=17.0, w2=19.0)
@@ -113,7 +113,7 @@ def test_many_differences_are_counted():
 
 
 @pytest.mark.thorough
-def test_the_command_line_tells_it():
+def test_command_line_reports_the_mismatch():
     words = ["run", SPIN, "--set", "world.vehicle.mass=3", "--set", "duration=1", "--no-ideal"]
     assert "model ≠ world: mass 2.6 vs 3 (intended)" in CliRunner().invoke(main, words).output
     printed = json.loads(CliRunner().invoke(main, [*words, "--json"]).output)

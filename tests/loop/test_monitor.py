@@ -1,4 +1,4 @@
-"""The monitor against the offline semantics, row by row and bit by bit; what it refuses; flights, replayed."""
+"""The monitor against the offline semantics, bit for bit; invalid formulas; replayed flights."""
 
 import re
 
@@ -38,7 +38,7 @@ def given(x, y):
 
 
 def watch(monitor, x, y, times=None, compiler=jax.jit):
-    """Outputs by name, each (n,), of a monitor that is given x and y (n,) at integer times."""
+    """Return the outputs by name, each (n,), of a monitor that receives x and y (n,) at integer times."""
     times = np.arange(len(x)) * monitor.period if times is None else times
     state = strengthen_types(monitor.init(given(0.0, 0.0)))
 
@@ -56,7 +56,7 @@ def watch(monitor, x, y, times=None, compiler=jax.jit):
 
 
 def drawn_formulas(n):
-    """Trees of formulas that are known in flight, by the pair's number."""
+    """Return random formulas that can be monitored in flight, by number."""
     found = {}
     for k in range(20 * n):
         tree = draw_pair(k)[0]
@@ -68,7 +68,7 @@ def drawn_formulas(n):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("compiler", [jax.jit, pytest.param(compile, marks=C)], ids=["jax", "c"])
-def test_at_every_row_it_says_what_the_log_will_say_of_the_row_that_it_is_of(compiler):
+def test_monitor_matches_offline_robustness_in_every_row(compiler):
     trees = drawn_formulas(60)
     words = {word for tree in trees.values() for word in re.findall(r"[a-z]{2,}", write_formula(tree))}
     assert {"always", "eventually", "until", "once", "historically", "since", "not", "implies"} <= words
@@ -95,7 +95,7 @@ def test_at_every_row_it_says_what_the_log_will_say_of_the_row_that_it_is_of(com
 
 @pytest.mark.thorough("2", "7", "8", "9", "31", "64")
 @pytest.mark.parametrize("width", [1, 2, 3, 7, 8, 9, 31, 64, 100])
-def test_windows_of_any_length(width):
+def test_windows_of_any_length_match_direct_evaluation(width):
     rng = np.random.default_rng(width)
     x, y = rng.normal(size=(2, 300))
     text = f"a: always[0,{width - 1}](estimate.x > 0); u: (estimate.x > -1) until[3,{width + 2}] (estimate.y > 1)"
@@ -108,7 +108,7 @@ def test_windows_of_any_length(width):
     assert found["u"][0][width + 2 :].tolist() == until
 
 
-def test_always_outermost_is_the_least_so_far_and_eventually_waits():
+def test_outermost_always_keeps_the_minimum_and_eventually_stays_pending():
     x = np.array([3.0, 2.0, 4.0, -1.0, 5.0, 6.0])
     text = "a: always(estimate.x > 0); b: always[2, inf](estimate.x > 0); e: eventually(estimate.x > 4)"
     text += "; n: always(eventually[0, 1](estimate.x > 3.5))"
@@ -121,7 +121,7 @@ def test_always_outermost_is_the_least_so_far_and_eventually_waits():
     assert names == {"a": "hhhvvv", "b": "pphvvv", "e": "pppphh", "n": "pvvvvv"}
 
 
-def test_what_is_no_number_breaks_a_formula_as_long_as_it_is_in_the_window():
+def test_nan_violates_a_formula_while_inside_its_window():
     x = np.array([1.0, np.nan, 1.0, 1.0, 1.0])
     found = watch(
         Monitor("historically[0, 1](estimate.x > 0); not once[0, 1](estimate.x < 0)", period=seconds(1)), x, x
@@ -130,7 +130,7 @@ def test_what_is_no_number_breaks_a_formula_as_long_as_it_is_in_the_window():
         assert found[name][0].tolist() == [1, -np.inf, -np.inf, 1, 1]
 
 
-def test_it_looks_each_period_and_holds_between():
+def test_monitor_evaluates_each_period_and_holds_between():
     x = np.arange(12.0)
     found = watch(Monitor("estimate.x > 0", period=ms(4)), x, x, np.arange(12) * ms(1))
     assert found["requirement"][0].tolist() == [
@@ -161,7 +161,7 @@ def test_it_looks_each_period_and_holds_between():
         ("always(estimate.x >)", ms(10), "at column 20"),
     ],
 )
-def test_what_is_never_known_in_flight_is_refused(formulas, period, says):
+def test_rejects_formulas_that_cannot_be_monitored_in_flight(formulas, period, says):
     with pytest.raises(InputError) as refused:
         Monitor(formulas, period=period).check()
     assert says in str(refused.value)
@@ -176,7 +176,7 @@ def test_what_is_never_known_in_flight_is_refused(formulas, period, says):
         ("always(estimate.state.yaw_rate < 1 m)", "rad/s and m are compared"),
     ],
 )
-def test_an_autopilot_knows_no_truth(formula, says):
+def test_rejects_formulas_on_truth_signals(formula, says):
     with pytest.raises(InputError, match=re.escape(says)) as refused:
         simulate(build("hovercraft/spin", {FORMULAS: formula}), duration=ms(10))
     assert str(refused.value).startswith("autopilot.monitor: formula")
@@ -194,14 +194,14 @@ def spin(**settings):
 
 @pytest.fixture(scope="module")
 def flights():
-    """The same flight on the backends that are here."""
+    """Return the same flight on each available backend."""
     backends = ("c", "jax") if find_compiler("c") is not None else ("jax",)
     return {b: simulate(spin(), seed=3, duration=seconds(8), backend=b) for b in backends}
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("backend", ["jax", pytest.param("c", marks=C)])
-def test_a_flight_has_in_its_log_what_the_log_itself_says(flights, backend):
+def test_logged_robustness_matches_offline_evaluation_of_the_log(flights, backend):
     log = flights[backend]
     rows = log.ticks % ms(10) == 0
     for name, text, delay in (("turn", TURN, 200), ("brake", BRAKE, 150)):
@@ -216,7 +216,7 @@ def test_a_flight_has_in_its_log_what_the_log_itself_says(flights, backend):
 
 @pytest.mark.thorough
 @C
-def test_a_flight_with_a_monitor_is_the_flight_without_it_and_replays_to_the_bit(flights):
+def test_monitor_leaves_the_flight_unchanged_and_replays_bit_for_bit(flights):
     log = flights["c"]
     without = simulate(build("hovercraft/spin"), seed=3, duration=seconds(8), backend="c")
     for path in without.paths:
@@ -230,7 +230,7 @@ def test_a_flight_with_a_monitor_is_the_flight_without_it_and_replays_to_the_bit
 
 @pytest.mark.thorough
 @C
-def test_in_a_batch_each_run_says_what_it_says_alone():
+def test_batch_runs_match_single_runs():
     batch = simulate_batch(spin(), seeds=[3] * 11, runs=range(11), signals=("monitor",), log=True, log_period=ms(10))
     for run in (0, 7, 10):
         alone = simulate(spin(), seed=3, run=run, signals=("monitor",), log_period=ms(10), backend="c")
@@ -242,7 +242,7 @@ def replace_signals(log, signals):
     return type(log)(log.t, log.ticks, signals, log.declarations, log.metadata, log.final)
 
 
-def test_the_ideal_twin_has_no_monitor_and_a_vehicle_needs_none():
+def test_ideal_twin_and_default_scenario_have_no_monitor():
     scenario = spin()
     assert scenario.ideal().autopilot.monitor is None
     assert build("hovercraft/spin").autopilot.monitor is None

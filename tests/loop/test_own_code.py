@@ -1,4 +1,4 @@
-"""Slips in somebody's own law or vehicle are said with file and line, and with what to write instead."""
+"""Mistakes in a user's own law or vehicle are reported with file, line and a fix."""
 
 import math
 from math import sin
@@ -42,7 +42,7 @@ SLIPS = {
 
 
 @pytest.mark.parametrize("slip", SLIPS)
-def test_a_slip_is_said_with_its_line_and_what_to_write(slip):
+def test_mistake_is_reported_with_its_line_and_fix(slip):
     function, problem, fix = SLIPS[slip]
     with pytest.raises(InputError) as refused:
         zeros_of("law", "the state", function, Point(1.0))
@@ -51,7 +51,7 @@ def test_a_slip_is_said_with_its_line_and_what_to_write(slip):
     assert fix in refused.value.fix
 
 
-def test_what_gives_no_pair_is_refused():
+def test_rejects_a_step_that_returns_no_pair():
     with pytest.raises(
         InputError, match=r"test_own_code.py:\d+: its step\(\) must return \(state, output\), got a Point as declared"
     ) as refused:
@@ -67,7 +67,7 @@ class Wanted:
     def step(self, t, state): ...
 
 
-def test_what_a_part_lacks_is_said_with_what_to_write():
+def test_missing_member_error_says_what_to_write():
     with pytest.raises(InputError, match=r"Point has no step\(\)[\s\S]*def step\(self, t, state\): …  in Point"):
         check_members("law", Point(1.0), Wanted)
     with pytest.raises(InputError, match=r"Point has no 'reads'"):
@@ -84,7 +84,7 @@ def test_what_a_part_lacks_is_said_with_what_to_write():
         ("def scenario():\n    return 1 / 0\n", "own.py:2: ZeroDivisionError"),
     ],
 )
-def test_a_file_that_does_not_run_is_refused_with_its_line(tmp_path, text, said):
+def test_broken_scenario_file_is_rejected_with_its_line(tmp_path, text, said):
     from trimtab.scenarios.build import build
 
     (tmp_path / "own.py").write_text(text)
@@ -115,7 +115,7 @@ class Pair:
 
 
 @pytest.mark.parametrize("slip", OTHERS)
-def test_says_what_to_write_instead_of_a_wrong_call(slip):
+def test_wrong_call_error_says_what_to_write(slip):
     function, problem, fix = OTHERS[slip]
     given = Pair(Point(1.0)) if slip == "below" else Point(1.0)
     with pytest.raises(InputError) as refused:
@@ -133,7 +133,7 @@ class Rounded:
     def init(self): ...
 
 
-def test_refuses_methods_that_take_other_arguments():
+def test_rejects_methods_with_wrong_arguments():
     with pytest.raises(
         InputError, match=r"test_own_code.py:\d+: step\(state\) must take \(t, state, input\)"
     ) as refused:
@@ -145,7 +145,7 @@ def test_refuses_methods_that_take_other_arguments():
         first_state("law", lambda key: 1 / 0, None)
 
 
-def test_refuses_a_fraction_where_the_first_state_is_whole():
+def test_rejects_a_float_where_the_initial_state_is_integer():
     def step():
         return None
 
@@ -157,7 +157,7 @@ def test_refuses_a_fraction_where_the_first_state_is_whole():
     assert refused.value.fix == "write 0.0 instead of 0 in init()"
 
 
-def test_refuses_classes_and_classes_without_record():
+def test_rejects_a_class_and_a_non_record():
     check_record("law", Point())
     with pytest.raises(InputError, match="Point is a class, not a part"):
         check_record("law", Point)
@@ -165,7 +165,7 @@ def test_refuses_classes_and_classes_without_record():
         check_record("law", Rounded())
 
 
-def test_names_the_line_of_an_own_file_that_gives_a_wrong_value(tmp_path):
+def test_error_names_the_line_in_the_scenario_file(tmp_path):
     from trimtab.scenarios.build import build
 
     text = "from trimtab import build\n\ndef scenario():\n    return build('hovercraft/spn')\n"
@@ -176,6 +176,6 @@ def test_names_the_line_of_an_own_file_that_gives_a_wrong_value(tmp_path):
     assert "trimtab " not in refused.value.fix
 
 
-def test_an_error_of_nobody_has_no_line():
+def test_error_without_user_code_has_no_line():
     assert describe_fault(ValueError("odd")).place == ""
     assert jax.errors.ConcretizationTypeError in describe_fault.__globals__["CONVERSIONS"]

@@ -1,4 +1,4 @@
-"""Parts that settings put in by the names of their classes."""
+"""Settings that replace parts by the names of their classes."""
 
 import json
 
@@ -20,7 +20,7 @@ def spin():
     return catalogue.load_scenario("hovercraft/spin")[0]
 
 
-def test_names_are_those_of_records():
+def test_lists_the_class_names_of_records():
     modules = part_modules()
     assert modules["Hovercraft"] == "trimtab.vehicles.hovercraft"
     assert {"Wire", "Imu", "ConstantSpin", "FanDrive", "Passthrough", "Circle"} <= modules.keys()
@@ -29,7 +29,7 @@ def test_names_are_those_of_records():
         assert is_record(find_class("", name)())
 
 
-def test_a_part_takes_the_place_of_another_with_its_fields(spin):
+def test_setting_a_class_name_replaces_the_part(spin):
     made = with_settings(spin, {"autopilot.law.k1": "2 kg/s", "autopilot.law": "ConstantSpin"})
     assert isinstance(made.autopilot.law, ConstantSpin)
     assert made.autopilot.law.k1 == 2
@@ -37,12 +37,12 @@ def test_a_part_takes_the_place_of_another_with_its_fields(spin):
     assert with_settings(spin, {"world.uplink": "Wire", "world.uplink.period": "2 ms"}).world.uplink.period == 20_000
 
 
-def test_the_class_that_is_there_keeps_its_numbers(spin):
+def test_setting_the_same_class_keeps_its_parameters(spin):
     changed = with_settings(spin, {"world.vehicle.mass": "9"})
     assert with_settings(changed, {"world.vehicle": "Hovercraft"}).world.vehicle.mass == 9
 
 
-def test_a_sensor_comes_and_goes(spin):
+def test_adds_and_removes_a_sensor(spin):
     made = with_settings(spin, {"world.sensors.imu": "Imu.microstrain_3dm_gx1", "world.sensors.imu.period": "10 ms"})
     assert list(made.world.sensors) == ["navigation", "imu"]
     assert made.world.sensors["imu"].gyro.noise == Imu.microstrain_3dm_gx1().gyro.noise
@@ -50,7 +50,7 @@ def test_a_sensor_comes_and_goes(spin):
     assert list(with_settings(made, {"world.sensors.navigation": "none"}).world.sensors) == ["imu"]
 
 
-def test_an_optional_part_comes_and_goes(spin):
+def test_adds_and_removes_an_optional_part(spin):
     made = with_settings(spin, {"world.integration": "Integration", "world.integration.method": "rk4-doubling"})
     assert made.world.integration.method == "rk4-doubling"
     assert with_settings(made, {"world.integration": "none"}).world.integration is None
@@ -77,18 +77,18 @@ def test_presets_are_methods_without_arguments():
         ({"world.actuators.thruster.reverse_ratio": "[1, x]"}, "not a list"),
     ],
 )
-def test_what_can_not_be_put_in_is_refused(spin, settings, said):
+def test_rejects_invalid_parts(spin, settings, said):
     with pytest.raises(InputError, match=said) as refused:
         with_settings(spin, settings)
     assert refused.value.fix
 
 
-def test_a_field_without_a_default_is_asked_for(spin):
+def test_missing_field_without_default_raises(spin):
     with pytest.raises(InputError, match=r"settings initial.position: RigidBodyState needs .position."):
         with_settings(spin, {"initial": "RigidBodyState"})
 
 
-def test_lists_of_numbers_have_units(spin):
+def test_arrays_accept_units(spin):
     path = "initial.surge_velocity"
     assert with_settings(spin, {path: "36 km/h"}).initial.surge_velocity == pytest.approx(10)
     turned = with_settings(spin, {"autopilot.allocation.rudder.angles": f"[{', '.join(['90'] * 21)}] deg"})

@@ -1,4 +1,4 @@
-"""The radio of a swarm: whose slot it is, when it is heard, what is lost, and what is held."""
+"""The radio of a swarm: slots, delay, losses, and held messages."""
 
 import jax
 import numpy as np
@@ -14,7 +14,7 @@ from trimtab.sensors.planar_pose import PlanarPose
 
 
 def listen(radio, slots, speaks=lambda k: True):
-    """Stamps heard, (slot, receiver, sender); in slot k everybody has stamp k to say, or nothing."""
+    """Return the received stamps (slot, receiver, sender); in slot k every craft sends stamp k or is silent."""
     step, state, heard = jax.jit(radio.step), radio.init(key(1)), []
     for k in range(slots):
         stamp = k if speaks(k) else NEVER
@@ -28,7 +28,7 @@ def listen(radio, slots, speaks=lambda k: True):
 
 @pytest.mark.thorough("1")
 @pytest.mark.parametrize("delay", [0, 1, 3])
-def test_each_speaks_in_its_slot_and_is_heard_after_the_delay(delay):
+def test_messages_are_sent_in_slots_and_received_after_the_delay(delay):
     n = 4
     heard = listen(PeerRadio(count=n, delay=delay, loss=0.0), 20)
     for k in range(20):
@@ -39,7 +39,7 @@ def test_each_speaks_in_its_slot_and_is_heard_after_the_delay(delay):
 
 
 @pytest.mark.thorough
-def test_messages_get_rarer_with_more_craft():
+def test_message_interval_grows_with_the_number_of_craft():
     for n in (3, 12):
         heard = listen(PeerRadio(count=n, delay=0, loss=0.0), 5 * n)
         fresh = np.flatnonzero(np.diff(heard[:, 0, 1]))
@@ -47,7 +47,7 @@ def test_messages_get_rarer_with_more_craft():
 
 
 @pytest.mark.thorough
-def test_losses_are_as_many_as_said_and_each_receiver_has_its_own():
+def test_loss_rate_matches_and_losses_are_independent_per_receiver():
     n, slots, loss = 5, 4000, 0.3
     heard = listen(PeerRadio(count=n, delay=2, loss=loss), slots)
     came = np.array([[[heard[k, r, (k - 2) % n] == k - 2] for r in range(n)] for k in range(2, slots)])[..., 0]
@@ -58,7 +58,7 @@ def test_losses_are_as_many_as_said_and_each_receiver_has_its_own():
     assert abs(np.corrcoef(pairs.T)[0, 1]) < 4 / np.sqrt(len(pairs))
 
 
-def test_what_was_held_stays_when_a_message_is_lost_and_nothing_is_said_in_silence():
+def test_last_message_is_held_through_losses_and_silence():
     n = 3
     assert (listen(PeerRadio(count=n, delay=1, loss=1.0), 12) == NEVER).all()
     heard = listen(PeerRadio(count=n, delay=0, loss=0.0), 12, speaks=lambda k: k < 6)
@@ -73,20 +73,20 @@ def motion(north, east):
     return SwarmMotion(each, PeerMessage(np.arange(n), np.arange(n) * 1.0, *np.zeros((3, n))))
 
 
-def test_perfect_knowledge_is_everybody_s_message_at_once():
+def test_perfect_navigation_gives_all_messages_without_delay():
     sensor = PerfectSwarmNavigation(Each(PlanarPose(), 3))
     _, sample = sensor.step(np.int64(0), sensor.init(key(0)), motion([1.0, 2.0, 3.0], [0.0, 0.0, 5.0]))
     np.testing.assert_array_equal(sample.value.peers.messages[1], [[0, 1, 2]] * 3)
     np.testing.assert_array_equal(sample.value.own.east, [0, 0, 5])
 
 
-def test_navigation_looks_once_a_slot():
+def test_navigation_period_equals_the_radio_slot():
     radio = PeerRadio(count=3, slot=ms(7))
     assert SwarmNavigation(Each(PlanarPose(), 3), radio).period == ms(7)
     assert replace(radio, delay=0).delay == 0
 
 
-def test_the_observer_sees_the_nearest_two_and_the_one_most_astray():
+def test_arena_measures_smallest_spacing_and_largest_formation_error():
     arena = Arena(north=np.array([0.0, 2.0, 0.0]), east=np.array([0.0, 0.0, 3.0]))
     seen = arena.measure(motion([1.0, 3.0, 1.0], [1.0, 1.0, 4.5]))
     assert seen.spacing == pytest.approx(2.0)

@@ -1,4 +1,4 @@
-"""Predictor: against SciPy over inputs of its own, against the truth that comes later, and the loop without a delay."""
+"""Predictor: against SciPy, against the later truth, and against the loop without delay."""
 
 import itertools
 
@@ -71,7 +71,7 @@ def send(predictor, state, t, force):
 
 
 def integrate(x, begin, end, changes, craft=CRAFT):
-    """SciPy's answer. changes: (time in s, (FX, FY)), from when on which force acts; none before."""
+    """Return SciPy's solution. changes: (time in s, (FX, FY)), the force from each time on; zero before the first."""
 
     def rate(t, v):
         force = next((f for when, f in reversed(changes) if when <= t), (0.0, 0.0))
@@ -89,8 +89,8 @@ def integrate(x, begin, end, changes, craft=CRAFT):
 
 
 @pytest.mark.thorough
-def test_it_integrates_the_craft_over_the_commands_under_way():
-    """Commands each 20 ms, two of them never made: the force before is held; age and delay fit no grid."""
+def test_prediction_integrates_the_craft_over_commands_in_transit():
+    """Commands each 20 ms, two of them missing: the last force is held. Age and delay fit no period."""
     predictor, rng = direct(), np.random.default_rng(3)
     state, changes = first(predictor), []
     for k in range(30):
@@ -108,7 +108,7 @@ def test_it_integrates_the_craft_over_the_commands_under_way():
 
 
 @pytest.mark.thorough
-def test_beyond_its_horizon_it_stops_and_says_so():
+def test_prediction_stops_at_its_horizon_and_reports_the_limit():
     predictor, x = direct(), [0.8, -0.3, 2.5, 0.7]
     state = send(predictor, first(predictor), 0, (1.0, 0.2))
     t = ms(400)
@@ -120,14 +120,14 @@ def test_beyond_its_horizon_it_stops_and_says_so():
 
 
 @pytest.mark.thorough
-def test_between_two_commands_the_prediction_stays():
+def test_prediction_is_held_between_two_commands():
     predictor = direct()
     state, one = predict(predictor, np.int64(0), first(predictor), estimate(0, 0.0, PlanarState(1.0, 0.0, 0.0, 0.0)))
     _, two = predict(predictor, np.int64(ms(1)), state, estimate(ms(1), 0.0, PlanarState(9.0, 0.0, 0.0, 0.0)))
     assert float(one.state.surge_velocity) == float(two.state.surge_velocity) != 9.0
 
 
-def test_it_is_valid_from_the_first_prediction_of_a_valid_estimate_on():
+def test_prediction_is_valid_after_the_first_valid_estimate():
     predictor, still = direct(), PlanarState(1.0, 0.0, 0.0, 0.0)
     state, ahead = predict(predictor, np.int64(0), first(predictor), estimate(0, 0.0, still, valid=False))
     assert not bool(ahead.valid)
@@ -137,7 +137,7 @@ def test_it_is_valid_from_the_first_prediction_of_a_valid_estimate_on():
     assert bool(ahead.valid)
 
 
-def test_an_older_measurement_and_a_long_gap_begin_anew():
+def test_older_measurement_or_long_gap_resets_the_predictor():
     predictor, still = direct(), PlanarState(1.0, 0.0, 0.0, 0.0)
     state, resets = first(predictor), []
     ages = {20: 0.0, 40: 0.0, 60: 0.08, 80: 0.0, 480: 0.0, 500: 0.0}
@@ -147,8 +147,8 @@ def test_an_older_measurement_and_a_long_gap_begin_anew():
     assert resets == [0, 0, 1, 1, 2, 2]
 
 
-def test_the_miss_of_an_angle_is_taken_the_short_way():
-    """A heading that a sensor gives from 0 to a full turn jumps there; nothing was missed."""
+def test_angle_innovation_is_wrapped():
+    """A heading measured in [0, 2 pi) jumps at a full turn; the innovation stays zero."""
     predictor = direct(uplink_delay=0.02, craft=Hovercraft())
     state = first(predictor)
     for k in range(6):
@@ -177,7 +177,7 @@ class Blank:
     ("state", "says"),
     [(Fast(0.0), "depends on sway_velocity, yaw_rate"), (Blank(0.0), "depends on surge_velocity, sway_velocity")],
 )
-def test_an_estimate_that_lacks_what_the_motion_depends_on_is_refused(state, says):
+def test_rejects_an_estimate_without_required_states(state, says):
     with pytest.raises(InputError, match=says) as refused:
         direct().init(root_key(0), estimate(0, 0.0, state))
     assert "leave the predictor out" in refused.value.fix
@@ -191,7 +191,7 @@ def test_an_estimate_that_lacks_what_the_motion_depends_on_is_refused(state, say
         ({"period": ms(30), "actuators": on("forward").autopilot.predictor.actuators}, "period"),
     ],
 )
-def test_periods_that_do_not_fit_are_refused(change, part):
+def test_rejects_incompatible_periods(change, part):
     with pytest.raises(InputError) as refused:
         replace(direct(), **change).check()
     assert refused.value.part == part
@@ -201,8 +201,8 @@ def test_periods_that_do_not_fit_are_refused(change, part):
 
 
 @pytest.mark.thorough
-def test_what_is_predicted_is_what_comes():
-    """Without noise, the vehicle as assumed: the state 40 ms later, over stops, tables, dead zone and brake."""
+def test_prediction_equals_the_later_truth():
+    """Without noise or model error: the state 40 ms later, across stops, tables, dead zone and brake."""
     log = simulate(on("zero-velocity", {"duration": "6 s"}), seed=0, log_period=ms(20))
     assert log["actuators.brakings"][-1] > 0
     lead = 2  # rows of 20 ms: the chain's 40 ms
@@ -215,8 +215,8 @@ def test_what_is_predicted_is_what_comes():
 
 
 @pytest.mark.thorough
-def test_it_knows_the_brake_to_the_tick():
-    """The drive's own brake, put off by half a tick, is missed by its thrust: the test above can fail."""
+def test_prediction_error_reveals_a_brake_time_difference():
+    """A brake that acts half a tick late gives a visible prediction error: the test above can fail."""
     scenario = on("zero-velocity", {"duration": "6 s"})
     log = simulate(with_brake(scenario, ms(140)), seed=0, log_period=ms(20))
     made, came = columns(log, "predictor.state")[:-2], columns(log, "truth")[2:]
@@ -232,8 +232,8 @@ def with_brake(scenario, brake):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("steps", [3, 18])
-def test_a_delayed_loop_is_the_loop_without_delay_only_later(steps):
-    """Over 60 and 360 ms: from when the first command acts on it flies as if it had begun there, without a link."""
+def test_predicted_delayed_loop_equals_the_undelayed_loop_shifted(steps):
+    """For 60 and 360 ms: after the first command the flight equals one without a link from that state."""
     late = ms(20) * steps
 
     def flight(start, uplink, duration):
@@ -252,8 +252,8 @@ def test_a_delayed_loop_is_the_loop_without_delay_only_later(steps):
 
 
 @pytest.mark.thorough
-def test_what_acts_is_what_the_supervisor_lets_through():
-    """Nobody arms: the fan stays still, whatever the law would want, and the craft coasts on as predicted."""
+def test_disarmed_supervisor_predicts_a_coasting_craft():
+    """Without arming the fan stays off, whatever the law demands, and the craft coasts as predicted."""
     scenario = on("forward", {"supervisor": "automatic", "initial.yaw_rate": "0.8", "initial.sway_velocity": "0.3"})
     supervisor = replace(scenario.autopilot.supervisor, automatic=False)
     scenario = add_pilot_sensor(replace(scenario, autopilot=replace(scenario.autopilot, supervisor=supervisor)))
@@ -264,8 +264,8 @@ def test_what_acts_is_what_the_supervisor_lets_through():
 
 
 @pytest.mark.thorough
-def test_the_innovation_is_what_was_missed():
-    """A vehicle heavier than assumed: measured minus what was predicted for the last command, carried on by SciPy."""
+def test_innovation_is_measurement_minus_prediction():
+    """With a heavier vehicle: the measurement minus the prediction of the last command, propagated by SciPy."""
     scenario = on("forward", {"world.vehicle.mass": "3.2", "initial.yaw_rate": "0.8", "duration": "4 s"})
     log = simulate(scenario, seed=0, log_period=ms(1))
     for k in range(1000, 4000, 340):
@@ -283,13 +283,13 @@ def test_the_innovation_is_what_was_missed():
 
 
 @pytest.mark.thorough
-def test_the_innovation_is_told_without_links_too():
+def test_innovation_is_logged_without_links():
     log = simulate(on("forward", {"links": "none", "world.vehicle.mass": "3.2"}), seed=0, duration=seconds(1))
     assert np.abs(log["predictor.innovation.surge_velocity"]).max() > 1e-4
 
 
 @pytest.mark.thorough
-def test_a_silent_downlink_ends_its_reach_and_begins_it_anew():
+def test_downlink_outage_limits_the_horizon_and_then_resets():
     log = simulate(on("forward", {"duration": "5 s"}, faults=["downlink off @ 2 s for 1 s"]), seed=0, log_period=ms(20))
     limited = log["predictor.limited"].astype(bool)
     assert log["predictor.horizon"].max() <= 0.5 + 1e-9
@@ -299,14 +299,14 @@ def test_a_silent_downlink_ends_its_reach_and_begins_it_anew():
 
 
 @pytest.mark.thorough
-def test_without_the_uplinks_delay_it_counts_on_none():
+def test_ablated_uplink_delay_sets_the_predicted_delay_to_zero():
     scenario = on("forward", without=(*NO_NOISE, "uplink-delay"))
     assert float(scenario.autopilot.predictor.uplink_delay) == 0
     log = simulate(scenario, seed=0, log_period=ms(20), duration=seconds(2))
     np.testing.assert_allclose(columns(log, "predictor.state")[5:], columns(log, "truth")[5:], rtol=0, atol=1e-6)
 
 
-def test_links_of_which_no_latency_is_known_and_other_choices_are_refused():
+def test_rejects_links_of_unknown_latency_and_unknown_choices():
     scenario = build("hovercraft/forward")
     bus = replace(scenario.world, uplink=SlaveBus(size=8, queue=ms(40), capacity=8))
     with pytest.raises(InputError, match="SlaveBus"):
@@ -317,7 +317,7 @@ def test_links_of_which_no_latency_is_known_and_other_choices_are_refused():
 
 
 @pytest.mark.thorough
-def test_a_calibrated_boat_is_predicted_as_calibrated():
+def test_prediction_uses_the_calibrated_parameters():
     entries = {"Hovercraft.inertia": 0.11, "Thruster.coefficient": 0.0125, "Friction.torque_viscous": 0.02}
     units = ("kg m^2", "N/krpm^2", "N m s")
     boat = Calibration({name: Entry(v, unit, 1e-3) for (name, v), unit in zip(entries.items(), units, strict=True)})
@@ -329,12 +329,12 @@ def test_a_calibrated_boat_is_predicted_as_calibrated():
 
 
 @pytest.mark.thorough
-def test_the_hypersonic_vehicle_estimates_no_pitch_and_is_refused():
+def test_rejects_hypersonic_vehicle_without_pitch_estimate():
     with pytest.raises(InputError, match="depends on theta"):
         simulate(build("hypersonic/noise", {"predictor": "on"}), duration=seconds(1))
 
 
-def test_off_is_the_scenario_without_it_and_the_ideal_twin_has_none():
+def test_off_setting_and_ideal_twin_have_no_predictor():
     assert build("hovercraft/forward", {"predictor": "off"}).autopilot.predictor is None
     scenario = on("forward")
     assert scenario.ideal().autopilot.predictor is None
@@ -342,7 +342,7 @@ def test_off_is_the_scenario_without_it_and_the_ideal_twin_has_none():
     assert to_seconds(scenario.autopilot.predictor.period) == pytest.approx(0.02)
 
 
-def test_what_it_believes_is_what_the_law_believes():
+def test_predictor_and_law_share_one_vehicle_model():
     with pytest.raises(InputError, match="two parts have different models"):
         on("forward", {"autopilot.predictor.craft.mass": "3"})
     lighter = on("forward", {"craft": "lighter"}).autopilot
@@ -352,7 +352,7 @@ def test_what_it_believes_is_what_the_law_believes():
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("settings", [{}, {"links": "measured", "supervisor": "automatic"}])
-def test_a_flight_replays_to_the_bit_and_both_backends_agree(settings):
+def test_flight_replays_bit_for_bit_and_backends_agree(settings):
     scenario = on("zero-velocity", settings, without=())
     log = simulate(scenario, seed=2, log_period=ms(1), duration=seconds(2), backend="c")
     again = replay(log, rebuild_scenario(log), backend="c")
@@ -364,7 +364,7 @@ def test_a_flight_replays_to_the_bit_and_both_backends_agree(settings):
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_its_export_is_verified(tmp_path):
+def test_c_export_of_the_predictor_is_verified(tmp_path):
     export_c(on("forward", without=()), tmp_path, steps=300)
     verdict = verify_folder(tmp_path)
     assert verdict.good, verdict.first

@@ -1,4 +1,4 @@
-"""References as they are typed: what each text means, what is refused, and how it comes into a scenario and a log."""
+"""References as texts: parsing, invalid texts, and their use in scenarios and logs."""
 
 import jax
 import numpy as np
@@ -45,12 +45,12 @@ def assert_same(a, b):
         ("waypoints(0 0, 3 0, 3 3 0.3)", pass_waypoints([[0, 0], [3, 0], [3, 3]], [0.4, 0.3])),
     ],
 )
-def test_a_text_means_that(text, same):
+def test_parses_each_reference_text(text, same):
     assert_same(parse_reference(text), same)
 
 
 @pytest.mark.thorough
-def test_a_table_is_read_with_its_units(tmp_path):
+def test_reads_a_csv_path_with_units(tmp_path):
     file = tmp_path / "path.csv"
     file.write_text(TABLE)
     places = np.array([[0, 0], [0.1, 0.1], [0.3, 0.3], [0.6, 0.4], [0.9, 0.5], [1.2, 0.7]])
@@ -77,14 +77,14 @@ def test_a_table_is_read_with_its_units(tmp_path):
         ("nowhere.csv", "nowhere.csv"),
     ],
 )
-def test_what_means_nothing_is_refused(text, problem):
+def test_rejects_invalid_reference_texts(text, problem):
     with pytest.raises(InputError, match=problem) as refused:
         parse_reference(text)
     assert refused.value.fix
 
 
 @pytest.mark.thorough
-def test_it_begins_at_rest_where_the_path_does():
+def test_vehicle_starts_at_rest_at_the_start_of_the_path():
     built = build("hovercraft/track", {"reference": "waypoints(1 2, 1 5; speed=0.3)"})
     arm = float(built.autopilot.law.model.percussion_arm)
     x = built.initial
@@ -95,14 +95,14 @@ def test_it_begins_at_rest_where_the_path_does():
 
 
 @pytest.mark.thorough
-def test_a_choice_of_the_scenario_stays_one():
+def test_named_reference_stays_a_scenario_choice():
     assert build("hovercraft/track", {"reference": "eight"}).choices["arguments"] == {"reference": "eight"}
     own = build("hovercraft/track", {"reference": "eight(length=6)"})
     assert own.choices["settings"] == {"reference": "eight(length=6)"}
     assert float(own.autopilot.law.reference.length) == 6.0
 
 
-def test_a_law_that_follows_none_says_so():
+def test_rejects_a_reference_for_laws_without_path_following():
     for name in ("hovercraft/forward", "hovercraft/spin"):  # of which one has a number of that name
         with pytest.raises(InputError, match="cannot follow a path") as refused:
             build(name, {"reference": "circle()"})
@@ -110,13 +110,13 @@ def test_a_law_that_follows_none_says_so():
 
 
 @pytest.mark.thorough
-def test_an_infeasible_one_is_refused_before_the_run():
+def test_infeasible_reference_is_rejected_before_the_run():
     with pytest.raises(InputError, match=r"2\.60 N forward"):
         build("hovercraft/track", {"reference": "circle(period=8 s)"})
 
 
 @pytest.mark.thorough
-def test_a_log_knows_it_without_its_file(tmp_path):
+def test_log_restores_the_reference_without_its_file(tmp_path):
     file = tmp_path / "path.csv"
     rows = [f"{t},{np.sin(t / 8)},{1 - np.cos(t / 8)}" for t in range(0, 40, 4)]
     file.write_text("\n".join(["time [s],north [m],east [m]", *rows]))

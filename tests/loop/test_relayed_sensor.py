@@ -1,4 +1,4 @@
-"""A sensor behind a bus: every sample's way against slots counted here; and what is refused."""
+"""A sensor behind a bus: arrival times against slots counted here, and invalid configurations."""
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +28,7 @@ class Place:
 
 @record
 class Odometer:
-    """Gives its north each 37 ms. Source: this test."""
+    """Measures north each 37 ms. Source: this test."""
 
     period: int = period("How often.", default=ms(1))
 
@@ -50,7 +50,7 @@ BUS = SlaveBus(size=MESSAGE, queue=ms(60), capacity=64)
 
 
 def flown(sensor, n):
-    """Samples at n milliseconds of a body that moves north by 1 m/s."""
+    """Return the samples at n milliseconds of a body that moves north at 1 m/s."""
     sensor, zero = to_arrays(sensor), jnp.zeros(3)
 
     def at(s, k):
@@ -62,7 +62,7 @@ def flown(sensor, n):
     return jax.tree.map(np.asarray, run())
 
 
-def test_samples_come_off_the_bus_when_its_slots_let_them_with_their_own_time():
+def test_samples_arrive_in_bus_slots_with_original_timestamps():
     found = flown(RelayedSensor(inner=Odometer(), bus=BUS), 600)
     free, wanted = 0, []
     for made in range(0, 600, EVERY):
@@ -77,7 +77,7 @@ def test_samples_come_off_the_bus_when_its_slots_let_them_with_their_own_time():
     assert not found.valid[: wanted[0][0]].any()
 
 
-def test_without_the_bus_s_delay_it_is_the_sensor():
+def test_relayed_sensor_without_bus_delay_equals_the_sensor():
     alone, behind = (flown(s, 200) for s in (Odometer(), RelayedSensor(inner=Odometer(), bus=without(BUS, "delay"))))
     valid = behind.valid
     assert valid.all()
@@ -86,7 +86,7 @@ def test_without_the_bus_s_delay_it_is_the_sensor():
     np.testing.assert_array_equal(alone.value.north, behind.value.north)
 
 
-def test_refusals():
+def test_rejects_mismatched_period_and_input_sensor():
     RelayedSensor(inner=Odometer(), bus=BUS).check()
     with pytest.raises(InputError, match="period must equal the sensor's, 6 ms, got 1 ms") as refused:
         RelayedSensor(inner=Odometer(period=ms(6)), bus=BUS).check()

@@ -1,4 +1,4 @@
-"""Numbers of a law that change while it flies, in steps and in ramps."""
+"""Parameters of a law that change in flight, in steps and in ramps."""
 
 import numpy as np
 import pytest
@@ -18,26 +18,26 @@ def value(text, t, path=PATH):
     return float(schedule_law(law.law, law.schedules, seconds(t)).reference)
 
 
-def test_steps_hold_and_leave_what_was_before():
+def test_steps_hold_each_value_after_the_default():
     text = "steps(1 s: 2, 2500 ms: 3)"
     assert [value(text, t) for t in (0.0, 0.9999, 1.0, 2.4, 2.5, 1e3)] == [2.8, 2.8, 2, 2, 3, 3]
     assert float(build("hovercraft/forward", {PATH: text}).autopilot.law.reference) == 2.8
 
 
-def test_ramps_go_straight_from_one_to_the_next():
+def test_ramps_interpolate_linearly():
     text = "ramps(1: 2, 2: 3, 4: 2.5)"
     t = np.array([0.0, 1.0, 1.25, 2.0, 3.0, 5.0])
     np.testing.assert_allclose([value(text, x) for x in t], np.interp(t, [1, 2, 4], [2, 3, 2.5]))
 
 
-def test_a_unit_is_taken_along():
+def test_schedule_values_accept_units():
     law = build("hovercraft/spin", {"autopilot.law.spinning.reference": "steps(0 s: 90 deg/s)"}).autopilot
     assert float(schedule_law(law.law, law.schedules, 0).spinning.reference) == pytest.approx(np.pi / 2)
 
 
 @pytest.mark.thorough
-def test_it_is_flown():
-    """Alone on the ideal model: the same as a run with the one value, then the other from where that ended."""
+def test_law_follows_the_scheduled_setpoint():
+    """On the ideal model: equal to a run with the first value, then to the analytical response to the second."""
     text = "steps(4 s: 1.3)"
     log = simulate(build("hovercraft/forward", {PATH: text}).ideal(), log_period=ms(10))
     whole = simulate(build("hovercraft/forward").ideal(), log_period=ms(10))
@@ -50,7 +50,7 @@ def test_it_is_flown():
     np.testing.assert_allclose(u[after], wanted, atol=1e-3)
 
 
-def test_what_is_no_schedule_is_a_setting():
+def test_schedules_are_separated_from_plain_settings():
     plain, schedules = split_schedules({"a": "3", "b": "steps(0: 1)", "c": "ramps( 0 s: 1 , 2 s: 3 )"})
     assert (list(plain), list(schedules)) == (["a"], ["b", "c"])
 
@@ -69,13 +69,13 @@ def test_what_is_no_schedule_is_a_setting():
         ("world.vehicle.mass", "steps(0: 1)", "a numeric parameter of the law"),
     ],
 )
-def test_what_can_not_be_scheduled_is_refused(path, text, problem):
+def test_rejects_invalid_schedules(path, text, problem):
     with pytest.raises(InputError, match=problem) as refused:
         build("hovercraft/forward", {path: text})
     assert refused.value.fix
 
 
-def test_a_schedule_of_ones_own_is_checked():
+def test_checks_user_made_schedules():
     with pytest.raises(InputError, match="got 2 times, 1 values"):
         SetpointSchedule("k1", "steps", np.array([0.0, 1.0]), np.array([1.0])).check()
     law = ForwardMomentum()

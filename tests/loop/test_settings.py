@@ -1,4 +1,4 @@
-"""Numbers with units after --set, and the three numbers of a link."""
+"""Values with units after --set, and the three parameters of a link."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def read(scenario, path):
         ("autopilot.period", "20 ms", 200_000),
     ],
 )
-def test_a_number_may_have_its_unit(path, text, value, forward):
+def test_values_accept_units(path, text, value, forward):
     assert read(with_settings(forward, {path: text}), path) == pytest.approx(value, rel=1e-14)
 
 
@@ -51,12 +51,12 @@ def test_a_number_may_have_its_unit(path, text, value, forward):
         ("-1e-310", "smaller than any normal number"),
     ],
 )
-def test_what_64_bits_do_not_hold_is_refused(text, says, forward):
+def test_rejects_values_beyond_64_bits(text, says, forward):
     with pytest.raises(InputError, match=f"world.vehicle.mass: .*{says}"):
         with_settings(forward, {"world.vehicle.mass": text})
 
 
-def test_one_number_of_an_array_is_set_by_its_index():
+def test_array_element_is_set_by_its_index():
     quadrotor, path = build("quadrotor/track"), "world.vehicle.rotors.places"
     own, changed = (read(s, path) for s in (quadrotor, with_settings(quadrotor, {f"{path}[2,0]": "-32 cm"})))
     assert (own[2, 0], changed[2, 0]) == (-0.315, -0.32)
@@ -80,19 +80,19 @@ def test_one_number_of_an_array_is_set_by_its_index():
         ("initial.heading", "1 rad/s", "unit is rad"),
     ],
 )
-def test_another_unit_is_refused_with_what_fits(path, text, says, forward):
+def test_wrong_unit_is_rejected_with_a_fitting_suggestion(path, text, says, forward):
     with pytest.raises(InputError, match=says) as refused:
         with_settings(forward, {path: text})
     assert f'settings={{"{path}": ' in refused.value.fix
 
 
-def test_every_path_can_be_set_and_those_of_absent_parts_are_among_them(forward):
+def test_setting_paths_include_every_leaf_and_absent_parts(forward):
     paths = setting_paths(forward)
     assert {p for p, _, _ in leaves(forward)} < set(paths)
     assert "world.vehicle.friction.torque_viscous" in paths
 
 
-def test_a_links_delay_jitter_and_loss_are_set_by_name():
+def test_link_delay_jitter_and_loss_are_set_by_name():
     settings = {"downlink.delay": "80 ms", "downlink.jitter": "0.02", "downlink.loss": "5 %"}
     link = build(NAME, settings).world.downlink
     assert isinstance(link, MeasuredLatency)
@@ -105,12 +105,12 @@ def test_a_links_delay_jitter_and_loss_are_set_by_name():
     ("path", "text"),
     [("uplink.delay", "soon"), ("uplink.delay", "-1 ms"), ("uplink.loss", "120 %"), ("uplink.loss", "x")],
 )
-def test_what_no_link_can_be_is_refused(path, text):
+def test_rejects_invalid_link_parameters(path, text):
     with pytest.raises(InputError, match=path):
         build(NAME, {path: text})
 
 
-def test_a_predictor_is_told_of_the_delay():
+def test_predictor_uses_the_uplink_delay_setting():
     without, late = (
         build(NAME, {"predictor": "on"} | more).autopilot.predictor for more in ({}, {"uplink.delay": "120 ms"})
     )
@@ -121,11 +121,11 @@ def test_a_predictor_is_told_of_the_delay():
 @pytest.mark.parametrize(
     ("path", "value"), [("world.vehicle.mass", 3), ("world.vehicle.mass", np.float64(3)), ("duration", 3)]
 )
-def test_a_setting_may_be_a_number(path, value, forward):
+def test_settings_accept_numbers_and_texts_alike(path, value, forward):
     assert read(with_settings(forward, {path: value}), path) == read(with_settings(forward, {path: "3"}), path)
     assert read(build(NAME, {path: value}), path) == read(build(NAME, {path: "3"}), path)
 
 
-def test_texts_of_settings_are_as_typed():
+def test_setting_values_are_written_as_typed():
     given = {"a": 3, "b": [1, 2.5], "c": True, "d": "3 kg", "e": np.array([1.0, 2.0])}
     assert texts_of(given) == {"a": "3", "b": "[1.0, 2.5]", "c": "true", "d": "3 kg", "e": "[1.0, 2.0]"}

@@ -1,4 +1,4 @@
-"""A pilot's stick: written down beforehand, looked at, given to the law that asks for it, refused where it lacks."""
+"""A pilot's stick: scripts, samples, the law that reads it, and errors where it is missing."""
 
 import jax
 import numpy as np
@@ -29,8 +29,8 @@ def with_stick(scenario, script):
     ("t", "held"),
     [(0, None), (39, None), (40, (0.5, -0.25, 2)), (99, (0.5, -0.25, 2)), (100, (-1.0, 1.0, 0)), (900, (-1.0, 1.0, 0))],
 )
-def test_the_stick_is_where_the_last_entry_has_it(t, held):
-    """Each look is a new sample of its own time, so that its age is that of the way; before the first it is none."""
+def test_stick_holds_the_last_script_entry(t, held):
+    """Each step gives a new sample with its own time; before the first entry the sample is invalid."""
     _, sample = SCRIPT.step(np.int64(ms(t)), (), None)
     assert (int(sample.t), float(sample.age)) == (ms(t), 0.0)
     assert (bool(sample.valid), bool(sample.fresh)) == (held is not None, held is not None)
@@ -38,14 +38,14 @@ def test_the_stick_is_where_the_last_entry_has_it(t, held):
         assert (float(sample.value.forward), float(sample.value.turn), int(sample.value.mode)) == held
 
 
-def test_without_entries_it_is_never_valid():
+def test_empty_script_is_never_valid():
     _, sample = StickScript().step(np.int64(seconds(5)), StickScript().init(None), None)
     assert not bool(sample.valid)
     assert not bool(sample.fresh)
     assert jax.tree.structure(sample.value) == jax.tree.structure(StickScript().measure(None))
 
 
-def test_scripts_that_can_not_be_flown_are_refused():
+def test_rejects_invalid_stick_scripts():
     with pytest.raises(InputError, match="unknown mode 'auto'"):
         stick_script((0, 0.0, 0.0, "auto"))
     with pytest.raises(InputError, match="rising order"):
@@ -58,7 +58,7 @@ def test_scripts_that_can_not_be_flown_are_refused():
     StickScript().check()
 
 
-def test_room_for_a_stick_is_made_where_a_law_asks_for_one():
+def test_adds_a_stick_sensor_where_the_law_needs_one():
     forward, scripted = load("hovercraft/forward"), load()
     assert add_stick_sensor(forward) is forward
     assert add_stick_sensor(scripted) is scripted
@@ -69,7 +69,7 @@ def test_room_for_a_stick_is_made_where_a_law_asks_for_one():
     assert np.size(added["stick"].times) == 0
 
 
-def test_an_autopilot_without_its_stick_is_refused():
+def test_rejects_an_autopilot_without_its_stick():
     scenario = load()
     law = replace(scenario.autopilot.law, stick="joystick")
     with pytest.raises(InputError) as refused:
@@ -80,8 +80,8 @@ def test_an_autopilot_without_its_stick_is_refused():
     assert 'add sensors={"joystick": StickScript(…)} to the world' in said
 
 
-def test_a_stick_without_a_script_does_not_cross_the_line():
-    """Nobody moves it at the vehicle's end; a script does, and is carried. The autopilot has room for both."""
+def test_stick_without_script_is_not_sent_over_the_link():
+    """A stick without a script is not sent over the link; a scripted one is. The autopilot's frame contains both."""
     console, script = load(stick="console"), load()
     assert (empty_sticks(console), empty_sticks(script)) == (("stick",), ())
     faulty = inject_faults(console, ["sensor:stick off @ 1 s"])
@@ -95,8 +95,8 @@ def test_a_stick_without_a_script_does_not_cross_the_line():
 
 
 @pytest.mark.thorough
-def test_the_law_flies_what_the_frame_holds_and_a_replay_repeats_it():
-    """Over the radio: 36 ms late, aged so, fresh once a look; nothing of it is in the estimate that is logged."""
+def test_law_follows_the_delayed_stick_and_replays_exactly():
+    """Over the radio the stick is 36 ms old or more; the logged estimate does not contain it."""
     scenario = with_stick(load(), stick_script((0, 0.2, 0.3, "manual"), (ms(400), 0.6, 0.5, "damped")))
     log = simulate(scenario, duration=seconds(1))
     changed = np.flatnonzero(np.diff(log["law.mode"][100:]) != 0)[0] + 101

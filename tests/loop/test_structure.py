@@ -1,4 +1,4 @@
-"""Slips in a user's own law or vehicle, each answered with the file, the line and what to write."""
+"""Mistakes in a user's own law or vehicle, each reported with file, line and fix."""
 
 import pytest
 from findings.first_day_slips import SLIPS, answer
@@ -8,6 +8,6 @@ QUICK = ("init without key", "dynamics returns nothing")
 
 @pytest.mark.thorough(*(name for name in SLIPS if name not in QUICK))
 @pytest.mark.parametrize("name", SLIPS)
-def test_a_slip_is_answered_with_file_line_and_what_to_write(name):
+def test_mistake_is_reported_with_file_line_and_fix(name):
     outcome = answer(name)
     assert outcome.holds, outcome.text

@@ -1,4 +1,4 @@
-"""What flies in a scenario, short enough to be read."""
+"""Short summaries of scenarios and parts."""
 
 import pickle
 
@@ -11,7 +11,7 @@ from trimtab.scenarios.build import find_scenario
 from trimtab.vehicles.hovercraft import Hovercraft
 
 
-def test_a_scenario_is_said_in_a_few_lines_with_numbers():
+def test_scenario_summary_shows_its_main_parameters():
     text = repr(find_scenario("hovercraft/spin"))
     assert text.startswith("Scenario hovercraft/spin, 22 s\n")
     for said in ("mass 2.6 kg", "yaw_rate 0.1 rad/s", "yaw_rate 3 ± 0.15", "NavigationErrors", "period 20 ms"):
@@ -21,19 +21,19 @@ def test_a_scenario_is_said_in_a_few_lines_with_numbers():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", catalogue.scenario_names())
-def test_every_scenario_is_said_in_under_twenty_lines(name):
+def test_every_scenario_summary_is_under_twenty_lines(name):
     lines = repr(find_scenario(name)).splitlines()
     assert 10 <= len(lines) < 20
     assert max(map(len, lines)) <= 130
 
 
-def test_a_part_is_its_class_and_its_first_numbers():
+def test_part_summary_shows_class_and_first_parameters():
     assert describe_part(Hovercraft(mass=3.0)) == "Hovercraft: mass 3 kg, inertia 0.096 kg m^2, arm 0.32 m"
     assert describe_part(None) == "none"
     assert describe_part(np.zeros(3)) == "ndarray"
 
 
-def test_what_is_zero_of_a_first_state_is_not_said():
+def test_zero_initial_states_are_omitted_from_the_summary():
     rows = dict(summarise_scenario(find_scenario("hovercraft/spin")))
     assert rows["initial"] == "HovercraftState: yaw_rate 0.1 rad/s"
 
@@ -49,7 +49,7 @@ MEMBERS = {
 
 
 @pytest.mark.parametrize("name", MEMBERS)
-def test_a_missing_member_of_a_scenario_names_what_to_write(name):
+def test_missing_scenario_member_error_says_what_to_write(name):
     scenario = find_scenario("hovercraft/spin")
     with pytest.raises(AttributeError, match="a Scenario has no") as refused:
         getattr(scenario, name)

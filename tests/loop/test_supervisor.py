@@ -1,4 +1,4 @@
-"""Supervisor: every sequence of five inputs against a plain machine, each row of its page's table, and flights."""
+"""Supervisor: every sequence of five inputs against a reference state machine, its documentation, and flights."""
 
 import itertools
 
@@ -63,13 +63,13 @@ EVENTS = ("", *REQUESTS[1:], "silent", "stale", "invalid", "outside", "fast", "s
         ((np.nan, 0.0), np.nan, (True, True)),
     ],
 )
-def test_a_limit_holds_on_both_sides_and_of_no_number(place, speed, breached):
+def test_limit_is_breached_on_both_sides_and_by_nan(place, speed, breached):
     belief = Belief(*place, speed, np.bool_(False))
     assert tuple(bool(limit.is_breached(belief)) for limit in LIMITS) == breached
 
 
 def given(event, request=None):
-    """The input of an event; a request may come with any."""
+    """Return the input of an event; any event may come with a request."""
     place = {"outside": (3.1, 4.0), "nan": (np.nan, 0.0)}.get(event, (3.0, 3.9))
     belief = Belief(*map(np.float64, place), np.float64(2.5 if event == "fast" else 1.0), np.bool_(event == "sick"))
     estimate = Estimate(
@@ -103,7 +103,7 @@ many = jax.jit(jax.vmap(_scan, (None, 0)))
 
 
 class Plain:
-    """The page's table in plain words."""
+    """State machine written from the table on the documentation page."""
 
     def __init__(self):
         self.mode, self.cause, self.since, self.back, self.heard = "standby", "start", None, "standby", None
@@ -169,7 +169,7 @@ def _told(out, i):
 
 @pytest.fixture(scope="module")
 def sequences():
-    """Arming, then every sequence of four events, and one step more of each; and what comes of them."""
+    """Arming, then every sequence of four events and one more step, with the outputs."""
     tails = np.array(list(itertools.product(range(len(EVENTS)), repeat=4)))
     heads = np.full((len(tails), 1), EVENTS.index("arm"))
     all_of_them = np.concatenate([np.concatenate([heads, tails], 1), np.concatenate([tails, heads], 1)])
@@ -177,7 +177,7 @@ def sequences():
 
 
 @pytest.mark.thorough
-def test_every_sequence_equals_the_plain_machine(sequences):
+def test_every_event_sequence_matches_the_reference_state_machine(sequences):
     events, out = sequences
     seen = set()
     for i, sequence in enumerate(events):
@@ -189,7 +189,7 @@ def test_every_sequence_equals_the_plain_machine(sequences):
 
 
 @pytest.mark.thorough
-def test_what_holds_in_every_sequence(sequences):
+def test_invariants_hold_in_every_event_sequence(sequences):
     _, out = sequences
     mode = out.mode
     stopped = np.isin(mode, [MODES.index("fault"), MODES.index("ended"), MODES.index("standby")])
@@ -219,7 +219,7 @@ def run(*events, block=block):
         ("sick", "sensor health"),
     ],
 )
-def test_it_does_not_arm_where_a_check_fails(event, check):
+def test_failed_check_prevents_arming(event, check):
     s, out = step(np.int64(0), strengthen_types(block.init()), given(event, "arm"))
     assert (MODES[int(out.mode)], CHECKS[int(out.refused)], int(out.refusals)) == ("standby", check, 1)
     assert CHECKS[int(out.check)] == check
@@ -227,7 +227,7 @@ def test_it_does_not_arm_where_a_check_fails(event, check):
     assert MODES[int(out.mode)] == "flying"
 
 
-def test_silence_does_not_arm():
+def test_silent_link_prevents_arming():
     out = run("silent", "arm")
     assert [MODES[m] for m in out.mode] == ["standby", "flying"]
     _, out = step(np.int64(0), strengthen_types(block.init()), given("silent", "arm"))
@@ -235,13 +235,13 @@ def test_silence_does_not_arm():
 
 
 @pytest.mark.parametrize(("before", "request_"), [("arm", "arm"), ("", "resume"), ("arm", "resume")])
-def test_a_request_that_makes_no_sense_is_refused(before, request_):
+def test_rejects_requests_invalid_in_the_current_mode(before, request_):
     out = run(before, request_)
     assert int(out.refusals[-1]) == 1
     assert CHECKS[int(out.refused[-1])] == "mode"
 
 
-def test_an_old_request_is_none():
+def test_stale_or_unknown_request_is_ignored():
     again = replace(given("arm"), pilot=replace(given("arm").pilot, fresh=np.bool_(False)))
     _, out = step(np.int64(0), strengthen_types(block.init()), again)
     assert MODES[int(out.mode)] == "standby"
@@ -250,7 +250,7 @@ def test_an_old_request_is_none():
     assert MODES[int(out.mode)] == "standby"
 
 
-def test_automatic_arms_once_checks_pass_but_clears_nothing():
+def test_automatic_arms_once_checks_pass_but_clears_no_fault():
     out = run("invalid", "stale", "", "outside", "", block=to_arrays(replace(SUPERVISOR, automatic=True)))
     assert [MODES[m] for m in out.mode] == ["standby", "standby", "flying", "fault", "fault"]
     assert CAUSES[out.cause[2]] == "automatic"
@@ -258,7 +258,7 @@ def test_automatic_arms_once_checks_pass_but_clears_nothing():
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_its_c_computes_the_same(sequences):
+def test_compiled_c_supervisor_matches_jax(sequences):
     events, out = sequences
     compiled = compile(_scan, block, events[0])
     for i in np.random.default_rng(1).integers(0, len(events), 300):
@@ -266,7 +266,7 @@ def test_its_c_computes_the_same(sequences):
             np.testing.assert_array_equal(a, b[i])
 
 
-def test_refusals():
+def test_rejects_invalid_limits_and_pilot_scripts():
     with pytest.raises(InputError, match=r"link_end.*must be later"):
         replace(SUPERVISOR, link_end=ms(100)).check()
     with pytest.raises(InputError, match="must be below"):
@@ -292,7 +292,7 @@ def _with(scenario, supervisor, sensors=None):
 
 
 @pytest.mark.thorough
-def test_a_supervisor_that_arms_at_once_changes_nothing(flight):
+def test_automatic_arming_leaves_the_flight_unchanged(flight):
     plain, watched = simulate(flight), simulate(_with(flight, Supervisor(neutral=NEUTRAL_COMMAND, automatic=True)))
     added = [p for p in watched.paths if p not in plain.paths]
     assert added
@@ -304,8 +304,8 @@ def test_a_supervisor_that_arms_at_once_changes_nothing(flight):
 
 
 @pytest.mark.thorough
-def test_a_flight_by_request(flight):
-    """Nothing moves before arming, hold is neutral and valid, an end stays one until it is cleared."""
+def test_flight_modes_follow_the_pilot_requests(flight):
+    """No motion before arming; hold is neutral and valid; an end is latched until cleared."""
     asked = pilot_script(
         (ms(300), "arm"), (ms(1000), "hold"), (ms(1400), "end"), (ms(1600), "clear"), (ms(1700), "arm")
     )
@@ -326,7 +326,7 @@ def test_a_flight_by_request(flight):
 
 
 @pytest.mark.thorough
-def test_an_envelope_stops_the_craft(flight):
+def test_speed_envelope_breach_stops_the_craft(flight):
     slow = Limit(fields=("surge_velocity",), high=0.3, kind="envelope")
     log = simulate(_with(flight, Supervisor(neutral=NEUTRAL_COMMAND, automatic=True, limits=(slow,))))
     first = int(np.argmax(log["estimate.state.surge_velocity"] > 0.3))
@@ -337,7 +337,7 @@ def test_an_envelope_stops_the_craft(flight):
     assert not log["command.valid"][first:].any()
 
 
-def test_it_refuses_an_autopilot_that_it_does_not_fit(flight):
+def test_supervisor_rejects_an_incompatible_autopilot(flight):
     with pytest.raises(InputError, match="the supervisor can never be armed"):
         simulate(_with(flight, Supervisor(neutral=NEUTRAL_COMMAND)))
     with pytest.raises(InputError, match="no 'altitude'"):
@@ -348,11 +348,11 @@ def test_it_refuses_an_autopilot_that_it_does_not_fit(flight):
         simulate(_with(flight, Supervisor(automatic=True, neutral=PlanarForce(0.0, 0.0))))
 
 
-def test_the_ideal_twin_needs_none(flight):
+def test_ideal_twin_has_no_supervisor(flight):
     assert _with(flight, Supervisor(neutral=NEUTRAL_COMMAND)).ideal().autopilot.supervisor is None
 
 
-def test_a_script_without_requests_says_nothing():
+def test_empty_pilot_script_gives_no_valid_sample():
     state = PilotScript().init(None)
     _, sample = PilotScript().step(np.int64(ms(500)), state, None)
     assert not bool(sample.valid)
@@ -361,8 +361,8 @@ def test_a_script_without_requests_says_nothing():
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_the_compiled_step_has_it(flight):
-    """Requests go in, modes come out, sample by sample as in the simulation."""
+def test_compiled_step_runs_the_supervisor(flight):
+    """Modes match the simulation sample by sample for the same requests."""
     flight = _with(
         flight, Supervisor(neutral=NEUTRAL_COMMAND), {"pilot": pilot_script((ms(100), "arm"), (ms(300), "end"))}
     )

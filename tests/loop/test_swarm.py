@@ -1,4 +1,4 @@
-"""N parts side by side do what each does alone; what one knows of the others comes by radio."""
+"""N parts side by side behave like each one alone; craft communicate only by radio."""
 
 import jax
 import numpy as np
@@ -49,7 +49,7 @@ def test_each_sensor_measures_its_own_motion_with_its_own_noise():
     assert all(len(set(np.asarray(v).round(9))) == N for v in noise), "two craft have the same noise"
 
 
-def test_a_craft_s_noise_does_not_hang_on_how_many_there_are():
+def test_noise_of_a_craft_is_independent_of_swarm_size():
     few, many = split(key(7), 3), split(key(7), 100)
     np.testing.assert_array_equal(few.seed, many.seed[:3])
     assert len(set(zip(many.seed.tolist(), many.run.tolist(), strict=True))) == 100
@@ -72,7 +72,7 @@ def test_each_actuator_has_its_own_state():
 
 
 @pytest.mark.thorough
-def test_fields_of_its_own_differ_from_craft_to_craft_and_others_do_not():
+def test_per_craft_fields_take_one_value_per_craft():
     zones = np.array([0.05, 0.5, 2.0])
     swarm = Each(replace(ThrustVectorAllocation(), dead_zone=zones), N, ("dead_zone",))
     swarm.check()
@@ -84,7 +84,7 @@ def test_fields_of_its_own_differ_from_craft_to_craft_and_others_do_not():
         Each(ThrustVectorAllocation(), N, ("mass",)).check()
 
 
-def test_a_swarm_moves_as_its_vehicles_do_alone():
+def test_swarm_dynamics_match_each_vehicle_alone():
     craft = Hovercraft()
     x = HovercraftState(*RNG.normal(0, 1, (6, N)))
     u = SwarmInput(PlanarForce(*RNG.normal(0, 1, (2, N))), PeerMessage())
@@ -95,7 +95,7 @@ def test_a_swarm_moves_as_its_vehicles_do_alone():
 
 
 @pytest.mark.thorough
-def test_without_a_command_nobody_says_anything():
+def test_no_message_is_sent_without_a_valid_command():
     silence = PeerMessage(np.full(N, NEVER), *np.zeros((4, N)))
     actuators = SwarmActuators(Each(FanDrive(period=ms(20)), N), silence)
     words = PeerMessage(np.full(N, 5), *np.ones((4, N)))

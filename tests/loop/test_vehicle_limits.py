@@ -1,4 +1,4 @@
-"""A vehicle's own limits: reached by --set, none by default, and nothing of them in a simulation."""
+"""A vehicle's own limits: set by --set, none by default, invalid values rejected."""
 
 import pytest
 
@@ -9,19 +9,19 @@ from trimtab.loop.vehicle_limits import NO_LIMIT, VehicleLimits
 from trimtab.scenarios.build import build
 
 
-def test_none_is_set_by_default():
+def test_no_limit_is_set_by_default():
     limits = build("hovercraft/forward", {}).limits
     assert [float(getattr(limits, n)) for n in ("distance", "speed", "rate", "angle")] == [NO_LIMIT] * 4
 
 
-def test_each_is_set_by_its_path_with_its_unit():
+def test_limits_are_set_by_path_with_unit():
     limits = build("hovercraft/forward", {"limits.speed": "2.5", "limits.patience": "40 ms"}).limits
     assert (limits.speed, limits.patience) == (2.5, ms(40))
     assert declarations(VehicleLimits)["speed"].unit == "m/s"
 
 
 @pytest.mark.parametrize("wrong", [{"limits.speed": "0"}, {"limits.rate": "-1"}, {"limits.distance": "nan"}])
-def test_what_bounds_nothing_is_refused(wrong):
+def test_rejects_nonpositive_and_nan_limits(wrong):
     (path,) = wrong
     with pytest.raises(InputError, match=path):
         build("hovercraft/forward", wrong)

@@ -1,4 +1,4 @@
-"""The order of the loop at one instant, and what sampling, holding and delays do to a run: docs page, Time."""
+"""The order of the loop at one instant, and the effects of sampling, holding and delays: docs page, Time."""
 
 import jax
 import numpy as np
@@ -12,7 +12,7 @@ from trimtab.loop.walk import instant, logged_signals, pack_row, signals, start,
 
 
 def fly(world, autopilot, n=5, paths=(), every=1):
-    """Signals of n instants by path, each an array; `every`: how many instants a row of the log stands for."""
+    """Return the signals of n instants by path, each an array. every: instants per row of the log."""
     table = timetable([*world.periods(), autopilot.period], n * SECOND, world.max_step)
     count = len(table.t)
     rows = -(-count // every)
@@ -30,8 +30,8 @@ def fly(world, autopilot, n=5, paths=(), every=1):
     return out, result
 
 
-def test_a_measurement_acts_from_its_own_instant_on():
-    """v = 1 + x, held for a second: x doubles and one is added. A hidden delay anywhere would show."""
+def test_measurement_acts_at_its_own_instant():
+    """v = 1 + x, held for a second, so x becomes 2 x + 1. Any hidden delay would change the numbers."""
     log, result = fly(cart_world(), cart_autopilot())
     np.testing.assert_allclose(log["truth.x"], [0, 1, 3, 7, 15], atol=1e-12)
     np.testing.assert_allclose(log["actuators.u.v"], [1, 2, 4, 8, 16], atol=1e-12)
@@ -43,12 +43,12 @@ def test_a_measurement_acts_from_its_own_instant_on():
     assert int(result.sensors["ruler"]) == 5
 
 
-def test_sensors_feel_the_input_that_acted_up_to_now():
+def test_sensors_measure_the_input_applied_until_now():
     log, _ = fly(cart_world(), cart_autopilot())
     np.testing.assert_allclose(log["sensors.ruler.value.v"], [0, 1, 2, 4, 8], atol=1e-12)
 
 
-def test_a_delay_on_the_way_down_is_the_estimate_s_age():
+def test_downlink_delay_appears_as_estimate_age():
     log, _ = fly(cart_world(downlink=DelayChain(SECOND, 1)), cart_autopilot())
     np.testing.assert_array_equal(log["estimate.valid"], [0, 1, 1, 1, 1])
     np.testing.assert_allclose(log["truth.x"], [0, 0, 1, 2, 4], atol=1e-12)
@@ -57,7 +57,7 @@ def test_a_delay_on_the_way_down_is_the_estimate_s_age():
     np.testing.assert_array_equal(log["downlink.ruler.t"][1:], np.arange(4) * SECOND)
 
 
-def test_a_delay_on_the_way_up_keeps_the_actuators_neutral_and_the_command_s_time():
+def test_uplink_delay_holds_actuators_neutral_and_keeps_command_time():
     log, _ = fly(cart_world(uplink=DelayChain(SECOND, 2)), cart_autopilot())
     np.testing.assert_array_equal(log["command.valid"], 1)
     np.testing.assert_array_equal(log["uplink.valid"], [0, 0, 1, 1, 1])
@@ -85,15 +85,15 @@ def test_a_slow_sensor_holds_its_sample():
     np.testing.assert_allclose(log["truth.x"], [0, 1, 2, 5, 8], atol=1e-12)
 
 
-def test_instants_between_change_nothing_that_is_due_at_others():
-    """Integration steps of 250 ms: the same run, four rows a second; of a held sample nothing is fresh."""
+def test_extra_integration_instants_leave_the_run_unchanged():
+    """With integration steps of 250 ms: the same run, four rows per second; held samples are not fresh."""
     fine, _ = fly(cart_world(max_step=ms(250)), cart_autopilot())
     np.testing.assert_allclose(fine["truth.x"], np.interp(np.arange(20) / 4, range(6), [0, 1, 3, 7, 15, 31]), atol=1e-9)
     np.testing.assert_array_equal(fine["sensors.ruler.fresh"], np.arange(20) % 4 == 0)
     np.testing.assert_array_equal(fine["command.t"], np.repeat(np.arange(5), 4) * SECOND)
 
 
-def test_rows_are_the_instants_that_are_asked_for():
+def test_log_rows_are_the_requested_instants():
     whole, _ = fly(cart_world(), cart_autopilot())
     some, _ = fly(cart_world(), cart_autopilot(), every=2)
     assert whole.keys() == some.keys()
@@ -101,14 +101,14 @@ def test_rows_are_the_instants_that_are_asked_for():
         np.testing.assert_array_equal(values, whole[path][::2], err_msg=path)
 
 
-def test_columns_are_the_paths_that_are_asked_for():
+def test_log_columns_are_the_requested_paths():
     log, _ = fly(cart_world(), cart_autopilot(), paths=("truth", "command.value"))
     assert list(log) == ["truth.x", "command.value.v"]
     np.testing.assert_allclose(log["command.value.v"], [1, 2, 4, 8, 16], atol=1e-12)
 
 
-def test_one_instant_by_hand():
-    """The two messages: a frame of samples goes in, a command comes out, and the truth moves on last."""
+def test_single_instant_computes_frame_command_and_truth():
+    """Frame in, command out, and the truth advances last."""
     world, autopilot = cart_world(), cart_autopilot()
     s, a = start(world, autopilot, Place(3.0), key(0))
     assert not bool(s.received["ruler"].valid)

@@ -1,4 +1,4 @@
-"""The world alone: what is sampled, held, received and acted on, and what it refuses."""
+"""The world alone: sampling, holding, links, actuators, and invalid configurations."""
 
 from typing import Any
 
@@ -18,16 +18,16 @@ ALL = frozenset({SECOND})
 
 
 def command(t, v, valid=True):
-    """A command issued at t."""
+    """Return a command issued at t."""
     return Command(t=np.int64(t), valid=np.bool_(valid), value=Speed(np.float64(v)))
 
 
 def started(world, x=0.0):
-    """The world at rest, with its uplink."""
+    """Return the world's initial state, with its uplink."""
     return strengthen_types(world.connect(key(0), world.init(key(0), Place(np.float64(x))), command(0, 0.0)))
 
 
-def test_at_first_nothing_is_measured_received_or_commanded():
+def test_initial_state_has_no_valid_samples_or_commands():
     s = started(cart_world(), 2.0)
     assert not bool(s.sampled["ruler"].valid)
     assert not bool(s.received["ruler"].valid)
@@ -36,7 +36,7 @@ def test_at_first_nothing_is_measured_received_or_commanded():
     assert float(s.x.x) == 2.0
 
 
-def test_a_frame_has_the_newest_sample_of_each_sensor():
+def test_frame_contains_the_newest_sample_of_each_sensor():
     world = cart_world(sensors={"ruler": Ruler(), "slow": Ruler(period=2 * SECOND)})
     s, frame = world.sense(Instant(np.int64(0), ALL), started(world, 2.0))
     s = replace(s, x=Place(np.float64(5.0)))
@@ -49,7 +49,7 @@ def test_a_frame_has_the_newest_sample_of_each_sensor():
     assert bool(held.valid)
 
 
-def test_a_downlink_that_is_not_due_holds_what_it_gave():
+def test_downlink_holds_its_sample_until_due():
     world = cart_world(downlink=Wire(period=2 * SECOND))
     s, _ = world.sense(Instant(np.int64(0)), started(world, 2.0))
     s, frame = world.sense(Instant(np.int64(SECOND)), replace(s, x=Place(np.float64(5.0))))
@@ -60,7 +60,7 @@ def test_a_downlink_that_is_not_due_holds_what_it_gave():
     assert (float(frame.samples["ruler"].value.x), bool(frame.samples["ruler"].fresh)) == (6.0, True)
 
 
-def test_a_command_acts_from_the_instant_at_which_it_comes_out_of_the_uplink():
+def test_command_acts_when_the_uplink_delivers_it():
     world = cart_world(uplink=DelayChain(SECOND, 1))
     s = world.act(Instant(np.int64(0), ALL), started(world), command(0, 3.0), True)
     assert float(s.u.v) == 0.0
@@ -69,7 +69,7 @@ def test_a_command_acts_from_the_instant_at_which_it_comes_out_of_the_uplink():
     assert (int(s.commanded.t), float(s.commanded.age)) == (0, 1.0)
 
 
-def test_actuators_that_are_not_due_hold_their_output():
+def test_actuators_hold_their_output_until_due():
     world = cart_world(actuators=Drive(period=2 * SECOND))
     s = world.act(Instant(np.int64(0)), started(world), command(0, 3.0), True)
     s = world.act(Instant(np.int64(SECOND)), s, command(SECOND, 4.0), True)
@@ -78,20 +78,20 @@ def test_actuators_that_are_not_due_hold_their_output():
     assert float(s.u.v) == 4.0
 
 
-def test_a_command_that_is_not_valid_leaves_the_actuators_neutral():
+def test_invalid_command_leaves_the_actuators_neutral():
     world = cart_world()
     s = world.act(Instant(np.int64(0), ALL), started(world), command(0, 3.0, valid=False), True)
     assert float(s.u.v) == 0.0
 
 
-def test_the_truth_moves_with_the_output_held():
+def test_truth_advances_with_held_actuator_output():
     world = cart_world()
     s = world.act(Instant(np.int64(0), ALL), started(world, 1.0), command(0, 3.0), True)
     assert float(world.advance(np.int64(0), s, np.int64(ms(500))).x.x) == pytest.approx(2.5, abs=1e-12)
     assert float(world.advance(np.int64(0), s, np.int64(0)).x.x) == 1.0
 
 
-def test_outputs_that_are_made_anew_are_not_carried_along():
+def test_recomputed_outputs_are_dropped_from_the_state():
     world = cart_world(sensors={"ruler": Ruler(), "slow": Ruler(period=2 * SECOND)})
     s = world.drop_derived_outputs(started(world), ALL)
     assert s.sampled["ruler"] == ()
@@ -103,7 +103,7 @@ def test_outputs_that_are_made_anew_are_not_carried_along():
 
 @record
 class Thermometer:
-    """Reads what no motion has. Source: this test."""
+    """Reads a field that no motion has. Source: this test."""
 
     period: int = period("Time between samples.", default=SECOND)
 
@@ -116,12 +116,12 @@ class Thermometer:
 
 @record
 class Torque:
-    """What the drive does not take. Source: this test."""
+    """A command that the drive does not accept. Source: this test."""
 
     torque: Any = quantity("N m", "About the axle.")
 
 
-def test_parts_that_do_not_fit_are_named_at_both_ends():
+def test_mismatched_parts_raise_an_error_naming_both():
     with pytest.raises(InputError, match=r"world\.sensors\.warmth: does not fit world\.vehicle.*temperature"):
         cart_world(sensors={"warmth": Thermometer()}).init(key(0), Place(0.0))
     world = cart_world()
@@ -131,12 +131,12 @@ def test_parts_that_do_not_fit_are_named_at_both_ends():
         world.init(key(0), Speed(0.0))
 
 
-def test_two_sensors_of_one_name_are_refused():
+def test_rejects_duplicate_sensor_names():
     assert list(cart_world(sensors=[("a", Ruler()), ("b", Ruler())]).sensors) == ["a", "b"]
     with pytest.raises(InputError, match="two sensors are named 'a': Ruler and Thermometer"):
         cart_world(sensors=[("a", Ruler()), ("a", Thermometer())])
 
 
-def test_periods_are_those_of_all_that_can_be_due():
+def test_periods_include_sensors_links_and_actuators():
     world = cart_world(sensors={"ruler": Ruler(period=ms(7))}, downlink=Wire(period=ms(3)), uplink=Wire(period=ms(2)))
     assert sorted(world.periods()) == [ms(2), ms(3), ms(7), SECOND]

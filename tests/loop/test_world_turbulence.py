@@ -1,4 +1,4 @@
-"""Turbulence as a part of the world: who feels it, that it is logged, repeated and switched off like anything else."""
+"""Turbulence as a part of the world: effects, logging, repeatability, and switching off."""
 
 from typing import Any, ClassVar
 
@@ -39,14 +39,14 @@ STILL = replace(START, rate=np.zeros(3))
 
 @record
 class NoWrench:
-    """Nothing is wanted. Source: this test."""
+    """Empty demand. Source: this test."""
 
     demand: Wrench = part("None.")
 
 
 @record
 class Thrown:
-    """A law that leaves a body alone. Source: this test."""
+    """A law without control. Source: this test."""
 
     reads: ClassVar[tuple[str, ...]] = ()
 
@@ -77,7 +77,7 @@ def throw(turbulence: Turbulence | None = TEN) -> Scenario:
 
 
 @pytest.mark.thorough
-def test_it_is_logged_and_held_for_its_period():
+def test_gusts_are_logged_and_held_for_their_period():
     log = simulate(throw(Turbulence(period=ms(20))))
     gust = log["gust.velocity"]
     assert gust.shape == (200, 3)
@@ -88,7 +88,7 @@ def test_it_is_logged_and_held_for_its_period():
 
 
 @pytest.mark.thorough
-def test_it_moves_what_flies_and_can_be_switched_off():
+def test_turbulence_moves_the_vehicle_and_can_be_disabled():
     calm, rough = simulate(throw(None)), simulate(throw(TEN))
     assert not [p for p in calm.paths if p.startswith("gust")]
     off = simulate(throw(TEN).without("turbulence"))
@@ -104,7 +104,7 @@ def test_it_moves_what_flies_and_can_be_switched_off():
 
 
 @pytest.mark.thorough
-def test_each_run_has_its_own_and_it_is_the_same_in_lanes_alone_and_on_jax():
+def test_gusts_differ_per_seed_and_agree_across_backends():
     batch = simulate_batch(throw(), seeds=range(9), log=True)
     for seed in (0, 8):
         alone = simulate(throw(), seed=seed)
@@ -116,8 +116,8 @@ def test_each_run_has_its_own_and_it_is_the_same_in_lanes_alone_and_on_jax():
 
 
 @pytest.mark.thorough
-def test_another_part_of_the_loop_does_not_change_it():
-    """Its draws are its own: a sensor at another period makes other instants, and the same gusts at its own."""
+def test_gusts_are_independent_of_sensor_periods():
+    """A sensor with another period adds other instants but does not change the gusts."""
     scenario = throw()
     sensors = {"navigation": PlanarNavigation(period=ms(7))}
     other = replace(scenario, world=replace(scenario.world, sensors=sensors))
@@ -127,7 +127,7 @@ def test_another_part_of_the_loop_does_not_change_it():
 
 
 @pytest.mark.thorough
-def test_any_scenario_whose_vehicle_feels_the_air_has_it_by_a_setting():
+def test_turbulence_is_added_by_a_setting():
     scenario = with_settings(build("hypersonic/noise"), {"world.turbulence.exceedance": "1e-5"})
     assert scenario.world.turbulence.exceedance == 1e-5
     assert "turbulence" in scenario.imperfections()
@@ -136,8 +136,8 @@ def test_any_scenario_whose_vehicle_feels_the_air_has_it_by_a_setting():
 
 
 @pytest.mark.thorough
-def test_a_gust_is_wind_to_a_body_and_to_an_aeroplane():
-    """The same air, once as wind and once as a gust, gives the same forces."""
+def test_gust_gives_the_same_forces_as_wind():
+    """The same air velocity gives the same forces as wind and as a gust."""
     air = np.array([4.0, -7.0, 0.0])
     x = STILL
     for vehicle, u, put in (
@@ -155,7 +155,7 @@ def test_a_gust_is_wind_to_a_body_and_to_an_aeroplane():
 
 
 @pytest.mark.thorough
-def test_a_gust_turns_a_body_that_stands_in_it_only_where_air_damps():
+def test_rotating_gust_turns_a_body_only_with_aerodynamic_damping():
     x = STILL
     turning = BODY.in_gust(Gust(np.zeros(3), np.array([0.5, 0.0, 0.0])))
     a, b = (v.dynamics(0.0, x, NO_WRENCH).rate for v in (BODY, turning))
@@ -167,8 +167,8 @@ def test_a_gust_turns_a_body_that_stands_in_it_only_where_air_damps():
 
 
 @pytest.mark.thorough
-def test_the_hypersonic_vehicle_in_moving_air_is_the_one_in_still_air_seen_from_there():
-    """Galilei: forces depend on the way through the air alone, lift and drag along its axes."""
+def test_hypersonic_forces_in_a_gust_are_galilean_invariant():
+    """Forces depend only on the velocity relative to the air; lift and drag act along its axes."""
     craft, u = Hypersonic(g=0.0), HypersonicInput(0.3, 0.2)
     x = craft.level_state(85e3, 7700.0, 0.028, 0.2)
     up = 30.0  # ft/s

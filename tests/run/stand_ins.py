@@ -1,4 +1,4 @@
-"""What ends of a line are tested with: a step that only remembers, a link that keeps what is sent, two endpoints."""
+"""Stand-ins for tests of links: a step that records its inputs, a link that records packets, two endpoints."""
 
 from types import SimpleNamespace
 
@@ -19,13 +19,13 @@ def sample(value):
 
 
 def dialect(samples, command):
-    """The dialect of samples by name (their values), and of a command's value."""
+    """Return the dialect of samples by name (their values) and of a command's value."""
     frame = Frame(t=np.int64(0), samples={name: sample(value) for name, value in samples.items()})
     return frame, derive_dialect(frame, Command(t=np.int64(0), valid=False, value=command))
 
 
 def places(tree, prefix=""):
-    """Path -> index or slice, laid out by hand: the leaves one after the other."""
+    """Return path -> index or slice, with the leaves one after the other."""
     found, k = {}, 0
     for path, value, _ in leaves(tree):
         size = np.size(value)
@@ -47,7 +47,7 @@ class Step:
 
 
 class Link:
-    """Keeps what is sent."""
+    """Records the packets that are sent."""
 
     def __init__(self, connected=True):
         self.sent, self.connected, self.heard = [], connected, 0
@@ -62,6 +62,6 @@ class Link:
 
 
 def ends(of, **options):
-    """The vehicle's end and the autopilot's."""
+    """Return the vehicle's endpoint and the autopilot's."""
     options = options or {"key": KEY}
     return SimpleNamespace(there=Endpoint(of, 1, 1, **options), here=Endpoint(of, 1, 191, **options))

@@ -30,7 +30,7 @@ def lanes(short):
 
 @pytest.mark.thorough
 @needs_c
-def test_a_run_of_the_batch_is_the_run_alone(short, lanes):
+def test_batch_run_equals_the_single_run(short, lanes):
     assert lanes.backend == "c lanes"
     for i in (0, 20, RUNS - 1):
         heavy = with_leaf(short, "world.vehicle.mass", lambda old, declared, i=i: MASSES[i])
@@ -50,8 +50,8 @@ def with_words(scenario, words):
 
 @pytest.mark.thorough
 @needs_c
-def test_noise_of_a_scenario_s_own_is_the_same_in_a_batch_and_alone(short):
-    """Words of each run; and one scenario's words, to which a run's number is added."""
+def test_random_key_words_give_same_noise_in_batch_and_alone(short):
+    """Key words per run, and key words of a scenario to which the run number is added."""
     seeds = [5] * RUNS
     batch = simulate_batch(with_words(short, [0] * 32), seeds=seeds, runs=WORDS, log=True, log_period=ms(1))
     assert batch.backend == "c lanes"
@@ -69,7 +69,7 @@ def test_noise_of_a_scenario_s_own_is_the_same_in_a_batch_and_alone(short):
     assert not np.array_equal(numbered.log[path][0], numbered.log[path][7])
 
 
-def test_words_that_a_scenario_has_no_room_for_are_refused(short):
+def test_rejects_random_key_words_of_wrong_size(short):
     with pytest.raises(InputError, match="run numbers for"):
         simulate_batch(short, seeds=[0] * RUNS, runs=WORDS)
     with pytest.raises(InputError, match="32 random key words for each run, but the scenario has 8"):
@@ -77,7 +77,7 @@ def test_words_that_a_scenario_has_no_room_for_are_refused(short):
 
 
 @needs_c
-def test_reductions_are_those_of_the_log(lanes):
+def test_reductions_match_the_log(lanes):
     for path in ("truth.yaw_rate", "law.demand.FX", "actuators.u.FY"):
         rows = lanes.log[path]
         np.testing.assert_array_equal(lanes.least[path], rows.min(axis=1))
@@ -87,7 +87,7 @@ def test_reductions_are_those_of_the_log(lanes):
 
 
 @pytest.mark.thorough
-def test_jax_draws_the_same_noise_of_a_scenario_s_own(short):
+def test_jax_and_c_draw_the_same_noise_from_key_words(short):
     own = with_words(short, WORDS[0])
     c, on_jax = simulate(own, seed=5), simulate(own, seed=5, backend="jax")
     for path in ("sensors.navigation.value.yaw_rate", "truth.yaw_rate"):
@@ -95,7 +95,7 @@ def test_jax_draws_the_same_noise_of_a_scenario_s_own(short):
 
 
 @pytest.mark.thorough
-def test_jax_gives_the_same(short):
+def test_jax_and_c_batches_agree(short):
     chosen = {"seeds": range(5), "spread": {"world.vehicle.mass": MASSES[:5]}, "signals": ("truth",), "log": True}
     c, on_jax = simulate_batch(short, **chosen), simulate_batch(short, **chosen, backend="jax")
     assert on_jax.backend == "jax"
@@ -108,7 +108,7 @@ def test_jax_gives_the_same(short):
 
 
 @pytest.mark.thorough
-def test_without_a_log_nothing_is_kept(short):
+def test_disabled_log_keeps_only_reductions(short):
     batch = simulate_batch(short, seeds=[1, 2], signals=("truth.yaw_rate",))
     assert batch.log == {}
     assert list(batch.rms) == ["truth.yaw_rate"]
@@ -124,12 +124,12 @@ def test_without_a_log_nothing_is_kept(short):
         ({"key.seed": [1, 2]}, "unknown parameter"),
     ],
 )
-def test_wrong_spread_is_refused(short, spread, says):
+def test_rejects_invalid_spread(short, spread, says):
     with pytest.raises(InputError, match=says):
         simulate_batch(short, seeds=[1, 2], spread=spread)
 
 
-def test_unknown_signal_and_backend_are_refused(short):
+def test_rejects_unknown_signal_and_backend(short):
     with pytest.raises(InputError, match="truth"):
         simulate_batch(short, seeds=[1], signals=("thruth",))
     with pytest.raises(InputError, match="auto"):

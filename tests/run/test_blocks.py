@@ -1,4 +1,4 @@
-"""Blocks compiled one by one: an autopilot repeats a run; world and autopilot, face to face, fly it bit for bit."""
+"""Blocks compiled separately: the autopilot repeats a run; world and autopilot together repeat it bit for bit."""
 
 from itertools import takewhile
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compile
 
 
 def face_to_face(scenario, seed):
-    """The rows of the world's outputs, one an instant."""
+    """Return the rows of the world's outputs, one per instant."""
     world, _, _ = compile_world(scenario, seed=seed)
     pilot = compile_autopilot(scenario, seed=seed)
     commands = [(world.reads[p], where) for p, where in pilot.writes.items() if p.startswith("command.")]
@@ -57,7 +57,7 @@ def _periods(scenario):
         ("hypersonic/noise", {}),
     ],
 )
-def test_two_steps_facing_each_other_are_the_simulation(name, choices):
+def test_coupled_world_and_autopilot_steps_match_the_simulation(name, choices):
     scenario, _ = catalogue.load_scenario(name, choices)
     scenario = replace(scenario, duration=seconds(2))
     log = simulate(scenario, seed=5, log_period=1, backend="c")
@@ -71,7 +71,7 @@ def test_two_steps_facing_each_other_are_the_simulation(name, choices):
 
 
 @pytest.mark.parametrize("method", ["rk4", "rosenbrock"])
-def test_a_world_alone_locates_events_and_integrates_as_in_the_simulation(method):
+def test_world_step_locates_events_like_the_simulation(method):
     scenario = fall(Ball(), HeightState(), Integration(method=method))
     log = simulate(scenario, log_period=1, backend="c")
     writes, rows = face_to_face(scenario, 0)
@@ -81,7 +81,7 @@ def test_a_world_alone_locates_events_and_integrates_as_in_the_simulation(method
 
 
 def thrust(world):
-    """Speed after a tenth of a second of full thrust."""
+    """Return the speed after 0.1 s of full thrust."""
     world.set_inputs({"command.valid": True, "command.value.rudder_pulse": 1.5e-3, "command.value.speed_rpm": 9000})
     for k in range(100):
         world.set_inputs({"t": max(k - 1, 0) * 10_000, "h": 10_000 * (k > 0), "first": k == 0, "fresh": True})
@@ -91,7 +91,7 @@ def thrust(world):
 
 
 @pytest.mark.thorough
-def test_parameters_are_read_in_place():
+def test_compiled_step_reads_changed_parameters():
     scenario, _ = catalogue.load_scenario("hovercraft/forward", {})
     scenario = replace(scenario, duration=seconds(0.1))
     heavy = replace(scenario, world=replace(scenario.world, vehicle=replace(scenario.world.vehicle, mass=5.0)))
@@ -105,7 +105,7 @@ def test_parameters_are_read_in_place():
 
 
 @pytest.mark.thorough
-def test_a_vehicle_that_is_held_stays():
+def test_held_vehicle_does_not_move():
     scenario, _ = catalogue.load_scenario("hovercraft/forward", {})
     initial = replace(scenario.initial, surge_velocity=1.0)
     world, _, _ = compile_world(replace(scenario, duration=seconds(0.1), initial=initial))
@@ -138,7 +138,7 @@ def replay(step, log, k):
 
 
 @pytest.mark.thorough
-def test_it_repeats_the_run(flown):
+def test_compiled_autopilot_repeats_the_logged_run(flown):
     step, log = flown
     step.reset()
     for k in range(len(log)):
@@ -148,7 +148,7 @@ def test_it_repeats_the_run(flown):
             assert abs(step.result(path) - log[path][k]) <= 1e-10 * size, (k, path)
 
 
-def test_reset_begins_anew(flown):
+def test_reset_restores_the_initial_state(flown):
     step, log = flown
     step.reset()
     replay(step, log, 0)
@@ -160,7 +160,7 @@ def test_reset_begins_anew(flown):
     np.testing.assert_array_equal(step.outputs, first)
 
 
-def test_wrong_paths_are_refused(flown):
+def test_rejects_unknown_input_and_output_paths(flown):
     step, _ = flown
     with pytest.raises(InputError, match="no input"):
         step.set_inputs({"samples.navigation.value.heading_rate": 0.0})
@@ -168,7 +168,7 @@ def test_wrong_paths_are_refused(flown):
         step.result("command.value.speed")
 
 
-def test_two_do_not_share_a_state(flown):
+def test_compiled_steps_do_not_share_state(flown):
     step, log = flown
     scenario, _ = catalogue.load_scenario("hovercraft/heading-bang-bang")
     other = compile_autopilot(replace(scenario, duration=seconds(2)))

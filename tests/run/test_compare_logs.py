@@ -1,4 +1,4 @@
-"""Where two logs part: rounding, switches, NaN."""
+"""Comparison of two logs: rounding, mode switches, NaN."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_equal_logs_agree():
     assert found.worst == {"truth.x": 0.0}
 
 
-def test_rounding_is_within_the_tolerance_of_the_signals_size():
+def test_rounding_differences_are_within_relative_tolerance():
     near = log([1.0, 2.0 + 1e-10, 3.0, 4.0, 5.0])
     assert compare_logs(ONE, near).is_equal
     assert not compare_logs(ONE, log([1.0, 2.0 + 1e-9, 3.0, 4.0, 5.0])).is_equal
@@ -35,8 +35,8 @@ def test_rounding_is_within_the_tolerance_of_the_signals_size():
     assert found.number == (0.001, "truth.x", 2.0, 2.0 + 1e-10)
 
 
-def test_a_difference_of_large_numbers_has_no_more_digits_than_they_have():
-    """An error of altitude: one rounding of 85 000 is 1.5e-11, far more than 1e-10 of an error of 0.01."""
+def test_error_signal_tolerance_scales_with_signals_of_same_unit():
+    """One rounding of an altitude of 85 000 ft is 1.5e-11, more than 1e-10 of an altitude error of 0.01 ft."""
 
     def climb(error, unit):
         far = Quantity(unit=unit, doc="", kind="real")
@@ -51,7 +51,7 @@ def test_a_difference_of_large_numbers_has_no_more_digits_than_they_have():
     assert not compare_logs(climb(0.01, "ft"), climb(0.01 + 12 * np.spacing(85000.0), "ft")).is_equal
 
 
-def test_what_comes_after_a_switch_is_not_compared():
+def test_rows_after_a_mode_switch_are_not_compared():
     other = log([1.0, 2.0, 3.0, 4.0, 9.0], mode=(0, 0, 1, 2, 2))
     found = compare_logs(ONE, other)
     assert found.is_equal
@@ -59,18 +59,18 @@ def test_what_comes_after_a_switch_is_not_compared():
     assert found.instants == 3
 
 
-def test_what_differs_before_a_switch_is_found():
+def test_finds_a_difference_before_a_mode_switch():
     found = compare_logs(ONE, log([1.0, 2.5, 3.0, 4.0, 9.0], mode=(0, 0, 1, 2, 2)))
     assert found.number[1:] == ("truth.x", 2.0, 2.5)
 
 
-def test_nan_is_equal_to_nan_alone():
+def test_nan_equals_only_nan():
     nan = log([1.0, np.nan, 3.0, 4.0, 5.0])
     assert compare_logs(nan, nan).is_equal
     assert not compare_logs(ONE, nan).is_equal
 
 
-def test_logs_of_other_runs_are_refused():
+def test_rejects_logs_with_different_instants_or_signals():
     short = Log(TICKS[:3] * 1e-7, TICKS[:3], {"truth.x": np.zeros(3), "law.mode": np.zeros(3, np.int32)})
     with pytest.raises(InputError, match="different instants"):
         compare_logs(ONE, short)

@@ -1,4 +1,4 @@
-"""The error budget: independent effects add up, what is off costs nothing, and the source's finding."""
+"""The error budget: rows, disabled imperfections, invalid input, and the finding of the thesis."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def found(forward):
 
 
 @pytest.mark.thorough
-def test_noise_of_navigation_is_what_limits_the_vehicle(found):
+def test_navigation_noise_is_the_dominant_error_source(found):
     """[1] section 6.1, text of fig. 6.8: the INS noise is the primary cause."""
     budget, _ = found
     dearest = {c.name: c for c in budget.costs}["navigation-error"]
@@ -37,7 +37,7 @@ def test_noise_of_navigation_is_what_limits_the_vehicle(found):
 
 
 @pytest.mark.thorough
-def test_rows_are_what_the_same_flights_give(forward, found):
+def test_budget_rows_match_direct_simulations(forward, found):
     budget, told = found
     assert told == ["all", "none"] + [
         f"{how}" for n in ("navigation-error", "uplink-delay") for how in (f"without {n}", f"{n} alone")
@@ -53,7 +53,7 @@ def test_rows_are_what_the_same_flights_give(forward, found):
     assert first == sorted(first)
 
 
-def test_what_is_off_already_costs_nothing(forward):
+def test_disabled_imperfection_has_zero_cost(forward):
     quiet = forward.without("navigation-error")
     budget = error_budget(quiet, seeds=[3], names=["navigation-error"])
     (cost,) = budget.costs
@@ -61,14 +61,14 @@ def test_what_is_off_already_costs_nothing(forward):
     assert cost.alone == budget.least
 
 
-def test_bad_input_is_refused(forward):
+def test_rejects_unknown_imperfection_and_empty_seeds(forward):
     with pytest.raises(InputError, match="no imperfection 'wind'"):
         error_budget(forward, names=["wind"])
     with pytest.raises(InputError, match="at least one seed"):
         error_budget(forward, seeds=[])
 
 
-def test_a_scenario_with_nothing_to_measure_is_refused_before_it_flies():
+def test_rejects_a_scenario_without_measures_before_running():
     told = []
     with pytest.raises(InputError, match=r"nothing to measure(.|\n)*Fix: give the scenario targets"):
         error_budget(catalogue.load_scenario("navigation/still")[0], seeds=range(2), tell=told.append)
@@ -76,7 +76,7 @@ def test_a_scenario_with_nothing_to_measure_is_refused_before_it_flies():
 
 
 @pytest.mark.thorough
-def test_navigation_is_measured_without_targets():
+def test_navigation_errors_are_measured_without_targets():
     scenario = replace(catalogue.load_scenario("navigation/platform-square-wave")[0], duration=seconds(1))
     assert not scenario.targets
     assert "heading error" in error_budget(scenario, seeds=[0]).whole

@@ -1,4 +1,4 @@
-"""What may be sought, and what is refused."""
+"""Parameters that can be fitted, and invalid paths."""
 
 import math
 
@@ -11,14 +11,14 @@ from trimtab.scenarios.build import build
 NAME = "hovercraft/spin"
 
 
-def test_a_path_that_is_no_number_is_refused() -> None:
+def test_rejects_non_numeric_parameter_paths() -> None:
     with pytest.raises(
         InputError, match=r"paths world.vehicle.mas: is not a numeric parameter[\s\S]*world.vehicle.mass"
     ):
         find_parameters(build(NAME), ["world.vehicle.mas"])
 
 
-def test_settings_have_their_bounds_and_the_search_its_scale() -> None:
+def test_parameters_have_bounds_and_search_scales() -> None:
     _, (mass, delay) = find_parameters(build(NAME), ["world.vehicle.mass", DELAY])
     assert mass == FitParameter("world.vehicle.mass", "kg", 2.6, 1e-6, math.inf)
     assert (find_scale(mass), find_scale(delay)) == (0.1 * 2.6, 0.01)

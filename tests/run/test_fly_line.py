@@ -1,4 +1,4 @@
-"""What an autopilot makes of its line: a clock that is found out late, queues, silence."""
+"""The autopilot's link: clock synchronisation, command times, and queued packets."""
 
 from itertools import pairwise
 from types import SimpleNamespace
@@ -18,7 +18,7 @@ FINGERPRINT = b"abcdefgh"
 
 
 class Line:
-    """A link of which packets are asked and to which they are given."""
+    """A link with a number of waiting packets."""
 
     def __init__(self, waiting=0):
         self.waiting, self.sent = waiting, []
@@ -49,8 +49,8 @@ def same_messages(remote, now):
     remote.handle_message(SimpleNamespace(name="AUTOPILOT_VERSION", **VEHICLE, get=fields.get), now)
 
 
-def test_a_clock_known_only_from_answers_that_waited_in_a_queue_is_not_known():
-    """Eight questions lay with a vehicle that was starting: its clock came out 0.3 s wrong, and it was armed."""
+def test_queued_answers_do_not_synchronise_the_clock():
+    """Regression: eight requests waited for a booting vehicle, its clock offset was 0.3 s wrong, and it was armed."""
     endpoint = SimpleNamespace(pack=lambda *_: b"", dialect=SimpleNamespace(fingerprint=FINGERPRINT))
     remote = RemoteVehicle(endpoint, Line())
     heartbeat(remote, 0)
@@ -63,8 +63,8 @@ def test_a_clock_known_only_from_answers_that_waited_in_a_queue_is_not_known():
     assert abs(remote.clock.offset(seconds(2)) - OFFSET) < ms(5)
 
 
-def test_times_of_commands_rise_where_the_clock_turns_out_to_be_earlier():
-    """A vehicle takes no command older than its last; an offset that was found 0.3 s too large had stopped it."""
+def test_command_times_increase_after_a_clock_offset_correction():
+    """A vehicle rejects commands older than the last one; an offset 0.3 s too large once stopped it."""
     stamps, sync = [], TimeSync()
     end = SimpleNamespace(command_packets=lambda _, ahead: stamps.append(ahead) or [])
     sender = CommandSender(end, None, Line(), sync)
@@ -79,8 +79,8 @@ def test_times_of_commands_rise_where_the_clock_turns_out_to_be_earlier():
     assert ms(800) + stamps[-1] == ms(800)
 
 
-def test_of_two_commands_in_one_instant_a_vehicle_obeys_the_newer_whichever_comes_last():
-    """The failsafe takes none that is older than its last: obeyed in the order of coming, the newer would be lost."""
+def test_newest_of_simultaneous_commands_is_used_in_any_order():
+    """The failsafe rejects commands older than the last; used in order of arrival, the newer one would be lost."""
     for times in ((20, 40), (40, 20)):
         parts = SimpleNamespace(
             broadcast=SimpleNamespace(accept_sender=lambda messages, now: None),
@@ -95,6 +95,6 @@ def test_of_two_commands_in_one_instant_a_vehicle_obeys_the_newer_whichever_come
         assert receiver.take_command().t == 40
 
 
-def test_what_lies_waiting_is_thrown_away_but_not_for_ever():
+def test_discards_a_limited_number_of_waiting_packets():
     assert discard_packets(Line(3)) == 3
     assert discard_packets(Line(10**9)) == DISCARD_LIMIT

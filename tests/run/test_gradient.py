@@ -1,4 +1,4 @@
-"""Gradients of whole runs in C against differences of JAX runs, where the run has no switch on the way."""
+"""Gradients of whole runs in C against differences of JAX runs, for runs without mode switches."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -37,12 +37,12 @@ def integral(scenario):
 
 
 @pytest.mark.thorough
-def test_cost_is_the_integral_of_the_log(ideal):
+def test_cost_equals_the_integral_over_the_log(ideal):
     assert gradient(ideal, cost, PATHS[:1]).cost == pytest.approx(integral(ideal), rel=1e-12)
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_slope_is_that_of_central_differences(ideal, path):
+def test_gradient_matches_central_differences(ideal, path):
     found = gradient(ideal, cost, PATHS)
     value = float({p: v for p, v, _ in leaves(ideal)}[path])
     h = 1e-5 * max(abs(value), 1.0)
@@ -50,8 +50,8 @@ def test_slope_is_that_of_central_differences(ideal, path):
     assert found.slope[path] == pytest.approx((high - low) / (2 * h), rel=1e-6, abs=1e-8)
 
 
-def test_a_cost_counts_from_its_time_on(ideal):
-    """Instants from then on, the first of them whole: against the log's sums, for a time between two instants too."""
+def test_cost_integral_starts_at_its_start_time(ideal):
+    """Against sums over the log from the first instant at or after the start time."""
     since = tuple(int(seconds(s)) for s in (0, 1, 1.00005, 3.999))
     along = [("autopilot.law.k1", ())]
     found = gradients(ideal, four_costs, along, seeds=[0], runs=[0], since=since)
@@ -62,7 +62,7 @@ def test_a_cost_counts_from_its_time_on(ideal):
 
 
 @pytest.mark.thorough
-def test_real_scenario_has_a_gradient_too():
+def test_gradient_is_finite_for_a_scenario_with_imperfections():
     scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     found = gradient(replace(scenario, duration=seconds(1)), cost, ("autopilot.law.k2",))
     assert np.isfinite(found.cost)
@@ -70,6 +70,6 @@ def test_real_scenario_has_a_gradient_too():
 
 
 @pytest.mark.parametrize("paths", [(), ("autopilot.law.k3",), ("key.seed",)])
-def test_what_is_no_real_parameter_is_refused(ideal, paths):
+def test_rejects_paths_that_are_not_real_parameters(ideal, paths):
     with pytest.raises(InputError, match="parameter"):
         gradient(ideal, cost, paths)

@@ -1,4 +1,4 @@
-"""What the two sides of a scenario agree on, and what is said where they don't."""
+"""The identity of a scenario on both sides of a link, and the reported differences."""
 
 import pytest
 
@@ -44,11 +44,11 @@ def test_links_supervisor_gains_and_faults_are_not_compared(plain):
         ("hovercraft/forward", {"autopilot.period": "0.005"}, {"autopilot.period"}),
     ],
 )
-def test_another_number_on_one_side_is_a_difference(plain, name, settings, paths):
+def test_different_setting_on_one_side_is_a_difference(plain, name, settings, paths):
     assert differ(plain, identity(name, settings)[0]) == paths
 
 
-def test_what_the_other_end_tells_can_be_typed_here(plain):
+def test_reported_settings_can_be_set_on_this_side(plain):
     changed = {"world.sensors.navigation.period": "20 ms", "failsafe.timeout": "0.35", "world.vehicle.mass": "2.81"}
     other = identity("hovercraft/forward", changed)[0]
     assert identity("hovercraft/forward", {path: other[path] for path in differ(plain, other)})[0] == other
@@ -57,18 +57,18 @@ def test_what_the_other_end_tells_can_be_typed_here(plain):
     assert identity("hovercraft/forward", own)[0] == plain
 
 
-def test_another_scenario_of_the_same_messages_is_a_difference(plain):
+def test_different_scenario_with_same_messages_is_a_difference(plain):
     other = identity("hovercraft/spin")[0]
     assert other["messages"] == plain["messages"]
     assert "scenario" in differ(plain, other)
 
 
-def test_numbers_of_a_vehicle_with_faults_ready_have_their_own_paths(plain):
+def test_identity_paths_ignore_idle_fault_wrappers(plain):
     assert identity_path("world.sensors.navigation.inner.period") == "world.sensors.navigation.period"
     assert identity_path("world.sensors.navigation.inner.period") in plain
 
 
-def test_one_step_is_typed_whatever_differs():
+def test_suggested_command_resolves_each_kind_of_difference():
     mass = SettingDifference("world.vehicle.mass", "2.8", "2.6")
     problem = scenario_problem([mass], TYPED)
     assert problem.problem.endswith("world.vehicle.mass: 2.8 on the vehicle, 2.6 here")

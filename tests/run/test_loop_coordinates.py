@@ -1,4 +1,4 @@
-"""A loop's numbers as deviations: against turns by hand, and there and back."""
+"""A loop's state as deviations: against analytical rotations, and round trips."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,14 +18,14 @@ def quaternion_of(turn):
 
 @pytest.fixture
 def reference():
-    """A state, and a ring of two of them, the second slot empty: what a link has under way."""
+    """A state, and a ring buffer of two states with an empty second slot, as in a link."""
     x = replace(MultirotorState(), attitude=quaternion_of(TURNED))
     ring = replace(x, attitude=np.stack([quaternion_of(TURNED), np.zeros(4)]), position=np.zeros((2, 3)))
     return {"x": x, "ring": ring, "count": np.int64(3)}
 
 
 @pytest.mark.thorough
-def test_a_quaternion_is_three_numbers_in_body_axes(reference):
+def test_quaternion_deviation_has_three_body_axis_components(reference):
     own = LoopCoordinates(reference)
     names = own.names(reference)
     assert "x.attitude.z" in names
@@ -41,20 +41,20 @@ def test_a_quaternion_is_three_numbers_in_body_axes(reference):
 
 
 @pytest.mark.thorough
-def test_there_and_back(reference):
+def test_displacement_and_deviation_round_trip(reference):
     own = LoopCoordinates(reference)
     z = np.random.default_rng(0).uniform(-0.5, 0.5, len(own.names(reference)))
     np.testing.assert_allclose(own.deviation(reference, own.displace(reference, jnp.asarray(z))), z, atol=1e-12)
 
 
 @pytest.mark.thorough
-def test_the_sign_of_a_quaternion_and_its_length_are_no_deviation(reference):
+def test_quaternion_sign_and_length_give_zero_deviation(reference):
     own = LoopCoordinates(reference)
     other = {**reference, "x": replace(reference["x"], attitude=-2.0 * reference["x"].attitude)}
     np.testing.assert_allclose(own.deviation(reference, other), 0.0, atol=1e-12)
 
 
-def test_indices_follow_what_is_moved(reference):
+def test_place_indices_follow_swapped_elements(reference):
     own = LoopCoordinates(reference)
     names = np.array(own.names(reference))
     marks = own.place_indices(reference)

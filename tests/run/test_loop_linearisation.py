@@ -1,4 +1,4 @@
-"""The whole loop as a linear map: against flights of the loop itself, and against a loop done by hand."""
+"""The whole loop as a linear map: against simulated flights and analytical loops."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def cart():
 
 
 def sampled_cart(delay):
-    """The cart's loop by hand: exact steps of 5 ms, `delay` of them in the command, the integral before the gain."""
+    """Return the analytical cart loop: exact steps of 5 ms, `delay` steps in the command, integral before the gain."""
     law = scenario().autopilot.law
     linear = linearise(error_model(scenario().world.vehicle, CartState(), law.u0))
     F, G, *_ = cont2discrete((linear.A, linear.B, np.eye(4), np.zeros((4, 1))), 0.005)
@@ -43,7 +43,7 @@ def sampled_cart(delay):
     return whole
 
 
-def test_its_poles_are_those_of_the_loop_by_hand(cart):
+def test_poles_match_the_analytical_cart_loop(cart):
     wanted = np.linalg.eigvals(sampled_cart(2))
     found = cart.poles()[: len(wanted)]
     for pole in wanted:
@@ -52,7 +52,7 @@ def test_its_poles_are_those_of_the_loop_by_hand(cart):
 
 
 @pytest.mark.thorough
-def test_its_margins_are_those_of_the_loop_by_hand(cart):
+def test_margins_match_the_analytical_cart_loop(cart):
     margins = loop_margins(cart)
     size = {d: np.abs(np.linalg.eigvals(sampled_cart(d))).max() for d in range(2, 14)}
     last = max(d for d in size if size[d] < 1)
@@ -62,8 +62,8 @@ def test_its_margins_are_those_of_the_loop_by_hand(cart):
 
 
 @pytest.mark.thorough
-def test_the_bode_plot_is_that_of_the_loop_by_hand(cart):
-    """Broken at the command: two steps of delay, the plant with a hold, gain and sum."""
+def test_frequency_response_matches_the_analytical_cart_loop(cart):
+    """Opened at the command: two steps of delay, the plant with a hold, gain and integral."""
     w = np.array([0.7, 5.0, 22.0, 90.0])
     z = np.exp(1j * w * 0.005)
     whole = sampled_cart(0)
@@ -78,12 +78,12 @@ def test_the_bode_plot_is_that_of_the_loop_by_hand(cart):
 
 @pytest.fixture(scope="module")
 def boat():
-    """The hovercraft's loop by wires, its demand acting as it is: sensor and command at periods of their own."""
+    """The hovercraft's loop with wires and direct actuation; sensor and command have their own periods."""
     return build("hovercraft/forward", {"links": "none"})
 
 
 def fly_off_the_trim(scenario, delay):
-    """Yaw rate of a flight, 1e-5 rad/s off its equilibrium, with so many ms of delay, noise off."""
+    """Return the yaw rate of a noise-free flight from 1e-5 rad/s off its equilibrium, with the given delay in ms."""
     ideal = scenario.without("navigation-error")
     world = replace(
         ideal.world,
@@ -97,8 +97,8 @@ def fly_off_the_trim(scenario, delay):
 
 
 @pytest.mark.thorough
-def test_the_largest_delay_is_that_of_flights_to_a_millisecond(boat):
-    """Decay of a small deviation: between the largest delay of the poles and one instant more it turns to growth."""
+def test_delay_margin_matches_simulated_flights_to_a_millisecond(boat):
+    """A small deviation decays at the delay margin of the poles and grows at one millisecond more."""
     loop = linearise_loop(boat, direct=True)
     last = round(loop_margins(loop).delay * 1e3)
     grows = []
@@ -114,8 +114,8 @@ def test_the_largest_delay_is_that_of_flights_to_a_millisecond(boat):
 
 
 @pytest.mark.thorough
-def test_the_sources_radio_costs_half_of_the_margin():
-    """36 ms down and 40 ms up, in frames of 20 ms: the rings of both links are states, put back in place."""
+def test_radio_links_halve_the_delay_margin():
+    """36 ms down and 40 ms up, in frames of 20 ms; the ring buffers of both links are states of the loop."""
     loop = linearise_loop(build("hovercraft/forward"), direct=True)
     assert loop.period == pytest.approx(0.06)
     margins = loop_margins(loop)
@@ -125,7 +125,7 @@ def test_the_sources_radio_costs_half_of_the_margin():
 
 
 @pytest.mark.thorough
-def test_a_loop_without_a_derivative_and_one_that_does_not_rest_are_refused(boat):
+def test_rejects_a_non_differentiable_loop_and_an_unstable_loop(boat):
     with pytest.raises(InputError, match="zero thrust"):
         linearise_loop(boat)
     falling = scenario()
@@ -138,7 +138,7 @@ def test_a_loop_without_a_derivative_and_one_that_does_not_rest_are_refused(boat
 
 
 def hover_by_hand():
-    """Height of a hover: drag, rotors that lag by 20 ms, a step of 5 ms of delay each way, the law's two gains."""
+    """Return the height loop of a hover: drag, rotor lag of 20 ms, 5 ms of delay each way, the law's two gains."""
     mass, drag, lag, kx, kv = 4.34, 0.2, 0.02, 16 * 4.34, 5.6 * 4.34
     A = np.array([[0, 1, 0], [0, -drag / mass, -1 / mass], [0, 0, -1 / lag]])  # down, its rate, thrust
     F, G, *_ = cont2discrete((A, np.array([[0], [0], [1 / lag]]), np.eye(3), np.zeros((3, 1))), 0.005)
@@ -150,7 +150,7 @@ def hover_by_hand():
 
 
 @pytest.mark.thorough
-def test_a_hover_has_no_pole_of_the_quaternions_length_and_those_of_its_height_by_hand():
+def test_hover_poles_match_analysis_without_a_quaternion_length_pole():
     loop = linearise_loop(build("quadrotor/track", {"trajectory": "place"}))
     kept = [n for n, idle in zip(loop.states, loop.idle, strict=True) if not idle]
     assert [n for n in kept if n.startswith("s.x.attitude")] == [f"s.x.attitude.{a}" for a in "xyz"]
@@ -162,8 +162,8 @@ def test_a_hover_has_no_pole_of_the_quaternions_length_and_those_of_its_height_b
 
 
 @pytest.mark.thorough
-def test_a_round_of_a_circle_is_a_map_whose_phase_is_no_state():
-    """Once round in 5 s: nothing is left of a deviation but what the slowest pole leaves, which is no clock's."""
+def test_circle_flight_linearises_with_idle_phase_state():
+    """One round takes 5 s: a deviation decays with the slowest pole, and the phase of the circle is idle."""
     scenario = build("quadrotor/track")
     with pytest.raises(InputError, match="round"):
         linearise_loop(scenario)

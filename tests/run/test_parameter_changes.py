@@ -1,4 +1,4 @@
-"""A parameter that was changed in flight: its event keeps every bit, and both replays apply it at its step."""
+"""A parameter changed in flight: its event is exact, and both replays apply it at its step."""
 
 import numpy as np
 import pytest
@@ -27,12 +27,12 @@ def with_events(*texts):
 
 
 @given(st.integers(0, 2**50), st.integers(0, 500), st.floats(allow_nan=False, allow_infinity=False))
-def test_an_event_says_all_of_it(t, slot, value):
+def test_change_event_round_trips_exactly(t, slot, value):
     change = AutopilotChange(t, "law.inner.k1", slot, value)
     assert read_changes(with_events(str(change))) == [change]
 
 
-def test_other_events_are_none():
+def test_unrelated_events_are_not_parameter_changes():
     texts = ["armed", "vehicle: parameter autopilot.law.k1[0] = 2.0 from 1.0000000 s", "parameter world.a[0] = 1.0"]
     assert read_changes(with_events(*texts)) == []
     assert read_changes(Log(np.zeros(1), np.zeros(1, int), {"a.b": np.zeros(1)})) == []
@@ -40,7 +40,7 @@ def test_other_events_are_none():
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_both_replays_apply_it_from_its_step_on_and_not_before():
+def test_c_and_jax_replays_apply_a_change_at_its_step():
     scenario, _ = catalogue.load_scenario("hovercraft/forward")
     scenario = replace(scenario, duration=ms(2000))
     log, block = simulate(scenario, seed=1), autopilot_block(scenario, seed=1)

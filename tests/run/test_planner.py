@@ -1,4 +1,4 @@
-"""Plans collide with nothing at fine resolution, keep the limits, and are flights: another integrator repeats them."""
+"""Plans are free of collisions, keep the limits, and are repeated by another integrator."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ def hall():
 
 
 def check_plan(task, plan, file):
-    """As flown, and as read again from its table: the craft's circle is clear every millisecond, and it arrives."""
+    """Check the plan as flown and as read from its table: no collision at any millisecond, and arrival."""
     flown = plan.flown
     places = np.column_stack([flown["north"], flown["east"]])
     fine = np.linspace(0, len(places) - 1, 20 * len(places))
@@ -45,7 +45,7 @@ def check_plan(task, plan, file):
 
 
 @pytest.mark.thorough
-def test_the_hall_is_crossed(hall, tmp_path):
+def test_plan_crosses_the_hall_without_collision(hall, tmp_path):
     task, plan = hall
     check_plan(task, plan, tmp_path / "plan.csv")
     np.testing.assert_allclose(plan.places[0], task.start, atol=1e-9)
@@ -53,8 +53,8 @@ def test_the_hall_is_crossed(hall, tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_plan_is_a_flight_under_its_own_inputs(hall):
-    """The source's equations by scipy, the inputs held as they were logged, from the first state to the last."""
+def test_planned_inputs_reproduce_the_planned_flight(hall):
+    """The thesis' equations by scipy, with the logged inputs held, from the first state to the last."""
     _, plan = hall
     flown = plan.flown
 
@@ -72,7 +72,7 @@ def test_a_plan_is_a_flight_under_its_own_inputs(hall):
 
 
 @pytest.mark.thorough
-def test_a_nose_that_points_elsewhere_is_turned_on_the_way(tmp_path):
+def test_plan_turns_a_misaligned_start_heading(tmp_path):
     task = PlanTask(EMPTY, (-2, -2), (2, 2), 0.35, heading=2.4)
     plan = plan_path(task)
     assert plan.flown["heading"][0] == pytest.approx(2.4)
@@ -81,8 +81,8 @@ def test_a_nose_that_points_elsewhere_is_turned_on_the_way(tmp_path):
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
-def test_random_floors(tmp_path):
-    """Each is planned, or refused for its way or for its flight; a plan is right whenever there is one."""
+def test_plans_on_random_floors_are_valid(tmp_path):
+    """Each floor is planned, or rejected for its route or its flight; every plan is valid."""
     rng = np.random.default_rng(5)
     planned = 0
     for _ in range(8):
@@ -98,7 +98,7 @@ def test_random_floors(tmp_path):
     assert planned >= 6
 
 
-def test_no_way_is_refused_with_the_gap_that_there_is():
+def test_rejects_a_floor_without_a_route():
     low = np.array([[-0.1, -4], [0.1, -4], [0.1, -0.3], [-0.1, -0.3]])
     task = PlanTask(EMPTY._replace(polygons=(low, low * [1, -1])), (-2, 0), (2, 0), 0.4)
     with pytest.raises(InputError, match=r"no route for a craft of radius 0\.4 m"):
@@ -106,8 +106,8 @@ def test_no_way_is_refused_with_the_gap_that_there_is():
 
 
 @pytest.mark.thorough
-def test_a_way_that_cannot_be_flown_is_refused_with_the_place():
-    """A gap with 6 cm to either side: the tail swings out by more than that."""
+def test_rejects_a_route_that_cannot_be_flown():
+    """A gap with 6 cm on either side: the tail swings out further."""
     low = np.array([[-1.0, -4], [1.0, -4], [1.0, -0.37], [-1.0, -0.37]])
     task = PlanTask(EMPTY._replace(polygons=(low, low * [1, -1])), (-3, -3), (3, -3), 0.3)
     with pytest.raises(InputError, match=r"flown within its limits, the craft .* 3 other tempos .* fail too"):

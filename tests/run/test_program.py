@@ -1,4 +1,4 @@
-"""Flying compiled runs: progress, Ctrl-C, threads."""
+"""Running compiled runs: progress, Ctrl-C, threads."""
 
 import os
 import signal
@@ -25,11 +25,11 @@ def short():
     return replace(scenario, duration=seconds("0.5"))
 
 
-def test_rows_of_what_is_written():
+def test_row_numbers_count_written_rows():
     np.testing.assert_array_equal(row_numbers(np.array([True, False, False, True])), [0, 4, 4, 1])
 
 
-def test_threads_are_bounded():
+def test_thread_count_is_bounded():
     assert thread_count(0) == 1
     assert thread_count(3) == 3
     assert thread_count(10**6) == 256
@@ -38,7 +38,7 @@ def test_threads_are_bounded():
 
 @pytest.mark.thorough
 @needs_c
-def test_progress_rises_to_all_runs(short, monkeypatch):
+def test_progress_reaches_the_number_of_runs(short, monkeypatch):
     monkeypatch.setattr(program, "SHORT", 0)
     seen = []
     watched = simulate_batch(short, seeds=range(40), signals=("truth",), progress=seen.append)
@@ -51,7 +51,7 @@ def test_progress_rises_to_all_runs(short, monkeypatch):
 
 @pytest.fixture
 def interruptible():
-    """Ctrl-C raises, also in a process that was started in the background, where it is ignored."""
+    """Make Ctrl-C raise, also in a background process, where it would be ignored."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -59,7 +59,7 @@ def interruptible():
 
 @pytest.mark.real_time
 @needs_c
-def test_ctrl_c_ends_it(short, interruptible):
+def test_ctrl_c_stops_a_batch(short, interruptible):
     simulate_batch(short, seeds=range(2), signals=("truth",))  # compiled before the clock starts
     many = range(40_000)  # a quarter of a minute at least
     threading.Timer(1.5, os.kill, (os.getpid(), signal.SIGINT)).start()

@@ -1,4 +1,4 @@
-"""Recorded runs fly again from their frames: every bit, or the first that differs by name."""
+"""Recorded runs are replayed from their frames: exactly, or with the first difference named."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ RUNS = [
 
 
 def recorded(folder, name, settings, seed=3, run=0, duration=10_000_000, backend="c") -> Log:
-    """A run from its file, as who replays it has it."""
+    """Return a run as read from its file."""
     scenario, _ = catalogue.load_scenario(name, settings)
     log = simulate(
         scenario, seed=seed, run=run, duration=duration, log_period=scenario.autopilot.period, backend=backend
@@ -46,7 +46,7 @@ def with_signal(log: Log, path: str, values: np.ndarray) -> Log:
 
 
 def flipped(log: Log, path: str, row: int, bit: int) -> Log:
-    """One bit of one number changed."""
+    """Return a log with one bit of one number flipped."""
     values = log[path].copy()
     values[row : row + 1].view(np.uint64)[0] ^= np.uint64(1 << bit)
     return with_signal(log, path, values)
@@ -71,14 +71,14 @@ def check_exact(log):
 
 
 @compiled
-def test_a_run_comes_again_bit_by_bit(flight):
+def test_run_replays_bit_for_bit(flight):
     check_exact(flight[0])
 
 
 @compiled
 @pytest.mark.thorough
 @pytest.mark.parametrize("k", range(len(RUNS)))
-def test_twenty_runs_come_again_bit_by_bit(tmp_path, k):
+def test_twenty_runs_replay_bit_for_bit(tmp_path, k):
     assert len(RUNS) == 20
     check_exact(recorded(tmp_path, *RUNS[k], seed=k, run=k % 3))
 
@@ -89,7 +89,7 @@ def test_twenty_runs_come_again_bit_by_bit(tmp_path, k):
     ("path", "row", "bit"),
     [("estimate.state.yaw_rate", 700, 0), ("law.demand.FY", 123, 63), ("command.value.speed_rpm", 0, 51)],
 )
-def test_a_bit_changed_in_an_output_is_named(flight, path, row, bit):
+def test_flipped_output_bit_is_located_and_named(flight, path, row, bit):
     log, scenario = flight
     wrong = flipped(log, path, row, bit)
     found = replay(wrong, scenario, backend="c")
@@ -103,7 +103,7 @@ def test_a_bit_changed_in_an_output_is_named(flight, path, row, bit):
 
 @pytest.mark.thorough
 @compiled
-def test_a_bit_changed_in_an_input_is_found_where_it_is_first_used(flight):
+def test_flipped_input_bit_is_located_at_first_use(flight):
     log, scenario = flight
     path = "downlink.navigation.value.yaw_rate"
     row = int(np.flatnonzero(log["downlink.navigation.valid"])[40])
@@ -114,7 +114,7 @@ def test_a_bit_changed_in_an_input_is_found_where_it_is_first_used(flight):
 
 
 @compiled
-def test_a_truth_value_and_a_whole_number_are_compared_too(flight):
+def test_boolean_signals_are_compared(flight):
     log, scenario = flight
     wrong = log["estimate.valid"].copy()
     wrong[500] = ~wrong[500]
@@ -124,7 +124,7 @@ def test_a_truth_value_and_a_whole_number_are_compared_too(flight):
 
 
 @compiled
-def test_on_another_backend_it_agrees_within_the_tolerance_and_no_more(flight):
+def test_replay_on_another_backend_agrees_within_the_tolerance(flight):
     log, scenario = flight
     found = replay(log, scenario, backend="jax")
     assert found.equal
@@ -138,7 +138,7 @@ def test_on_another_backend_it_agrees_within_the_tolerance_and_no_more(flight):
 
 
 @pytest.mark.thorough
-def test_what_jax_recorded_jax_repeats(tmp_path):
+def test_jax_replays_its_own_run_exactly(tmp_path):
     log = recorded(tmp_path, "hovercraft/spin", {}, duration=ms(200), backend="jax")
     found = replay(log, rebuild_scenario(log), backend="jax")
     assert found.strict
@@ -146,7 +146,7 @@ def test_what_jax_recorded_jax_repeats(tmp_path):
 
 
 @compiled
-def test_another_class_of_machine_may_round_otherwise(flight):
+def test_log_of_another_machine_allows_rounding_differences(flight):
     log, scenario = flight
     elsewhere = Log(log.t, log.ticks, log.signals, log.declarations, {**log.metadata, "machine": "other"}, log.final)
     found = replay(flipped(elsewhere, "law.demand.FX", 300, 0), scenario, backend="c")
@@ -154,7 +154,7 @@ def test_another_class_of_machine_may_round_otherwise(flight):
 
 
 @compiled
-def test_a_log_that_is_cut_replays_up_to_the_cut(flight, tmp_path):
+def test_truncated_log_replays_up_to_the_cut(flight, tmp_path):
     log, _ = flight
     data = write_mcap(log, tmp_path / "run.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
@@ -167,7 +167,7 @@ def test_a_log_that_is_cut_replays_up_to_the_cut(flight, tmp_path):
 
 
 @compiled
-def test_finer_rows_than_steps_are_no_harm_and_coarser_are_refused(flight):
+def test_accepts_finer_log_rows_and_rejects_coarser_rows(flight):
     log, scenario = flight
     rows = np.repeat(np.arange(len(log)), 2)
     ticks = log.ticks[rows] + np.tile([0, 1234], len(log))
@@ -181,8 +181,8 @@ def test_finer_rows_than_steps_are_no_harm_and_coarser_are_refused(flight):
 
 
 @compiled
-def test_of_a_flight_the_steps_before_the_first_gap_are_replayed(flight):
-    """A flight's rows are its steps, late ones too; counters say where some are missing."""
+def test_flight_log_replays_up_to_its_first_gap(flight):
+    """The rows of a flight are its steps; counters mark missing rows."""
     log, scenario = flight
     kept = np.delete(np.arange(len(log)), slice(400, 450))
     signals = {p: v[kept] for p, v in log.signals.items()}
@@ -193,7 +193,7 @@ def test_of_a_flight_the_steps_before_the_first_gap_are_replayed(flight):
     assert "lacks steps after 0.399 s" in found.end_reason
 
 
-def test_what_cannot_be_replayed_is_refused(flight):
+def test_rejects_logs_that_cannot_be_replayed(flight):
     log, scenario = flight
     with pytest.raises(InputError, match=r"begins at 0\.5 s"):
         replay(log.between(0.5, 1.0), scenario)
@@ -209,7 +209,7 @@ def test_what_cannot_be_replayed_is_refused(flight):
 
 
 @compiled
-def test_another_autopilot_flies_the_same_frames(flight):
+def test_replays_recorded_frames_with_another_autopilot(flight):
     log, scenario = flight
     law = replace(scenario.autopilot.law, k1=2 * scenario.autopilot.law.k1)
     found = replay(log, scenario, autopilot=replace(scenario.autopilot, law=law), backend="c")
@@ -220,7 +220,7 @@ def test_another_autopilot_flies_the_same_frames(flight):
         replay(log, scenario, autopilot=replace(scenario.autopilot, estimator=Passthrough("compass")), backend="c")
 
 
-def test_bits_are_compared_as_a_log_keeps_them():
+def test_bit_comparison_distinguishes_negative_zero_but_not_nan():
     ticks = np.arange(4)
     one = Log(ticks * 1e-7, ticks, {"a.x": np.array([0.0, np.nan, 1.0, 2.0]), "a.n": np.array([1, 2, 3, 4])})
     assert first_bit_difference(one, one) is None
@@ -234,7 +234,7 @@ def test_bits_are_compared_as_a_log_keeps_them():
     assert (found.t, found.path, found.recorded, found.replayed) == (2e-7, "a.n", 3.0, 0.0)
 
 
-def test_whole_numbers_that_differ_from_the_first_step_on_are_told(flight):
+def test_boolean_difference_at_the_first_step_is_reported(flight):
     log, scenario = flight
     found = replay(with_signal(log, "command.valid", ~log["command.valid"]), scenario)
     assert not found.equal

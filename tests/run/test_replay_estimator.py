@@ -1,4 +1,4 @@
-"""An estimator alone over a log's samples: of a recorded flight the same bits, and logs from elsewhere."""
+"""An estimator alone on a log's samples: exact for recorded flights, and logs of other programs."""
 
 import jax
 import numpy as np
@@ -23,7 +23,7 @@ BACKENDS = ["jax", pytest.param("c", marks=pytest.mark.skipif(find_compiler("c")
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
-    """A drive as who logged it elsewhere writes it, by way of the file."""
+    """A drive as another program logs it, read from its file."""
     world, frames = drive(2), frames_of(drive(2))
     odometry, ranging = frames.samples["odometry"], frames.samples["ranging"]
     rows = np.flatnonzero(ranging.fresh)
@@ -38,8 +38,8 @@ def log(tmp_path_factory):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_log_from_elsewhere_gives_what_its_frames_give(log, backend):
-    """Row by row: there ranges came with the odometry's frame, here each sample has a row of its own."""
+def test_external_log_gives_the_same_estimate_as_its_frames(log, backend):
+    """Row by row: in the frames, ranges come with the odometry; in this log each sample has its own row."""
     replayed = replay_estimator(log, FILTER, backend=backend)
     frames = frames_of(drive(2))
     state, estimates = jax.jit(
@@ -54,7 +54,7 @@ def test_a_log_from_elsewhere_gives_what_its_frames_give(log, backend):
 
 
 @pytest.mark.thorough
-def test_of_a_recorded_flight_it_gives_the_same_bits():
+def test_estimator_replay_of_a_flight_is_bit_exact():
     scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity", {"navigation": "ins"})
     flown = simulate(scenario, seed=3, duration=ms(500), log_period=scenario.autopilot.period, backend="jax")
     again = replay_estimator(flown, scenario.autopilot.estimator, seed=3, backend="jax")
@@ -62,12 +62,12 @@ def test_of_a_recorded_flight_it_gives_the_same_bits():
         np.testing.assert_array_equal(again[path], flown[path])
 
 
-def test_a_log_without_what_the_estimator_reads_is_refused(log):
+def test_rejects_a_log_without_the_required_samples(log):
     other = OdometryRanging(beacons=BEACONS, ranging="radar")
     with pytest.raises(InputError, match=r"no samples of 'radar'.*\n?.*odometry"):
         replay_estimator(log, other)
 
 
-def test_an_estimator_that_is_not_fit_is_refused(log):
+def test_rejects_an_invalid_estimator(log):
     with pytest.raises(InputError, match="beacons"):
         replay_estimator(log, OdometryRanging(beacons=np.zeros((4, 2))))

@@ -1,4 +1,4 @@
-"""simulate: refusals before the run, determinism, batch equal to single runs, what the log holds."""
+"""simulate: errors before the run, determinism, batches equal to single runs, contents of the log."""
 
 import importlib
 import pickle
@@ -30,7 +30,7 @@ def short():
     return replace(scenario, duration=seconds(1))
 
 
-def test_same_seed_same_bits_other_seed_other_noise(short):
+def test_same_seed_repeats_exactly_and_other_seed_differs(short):
     a, b, c = simulate(short, seed=5), simulate(short, seed=5), simulate(short, seed=6)
     np.testing.assert_array_equal(a["truth.yaw_rate"], b["truth.yaw_rate"])
     assert (a["truth.yaw_rate"] != c["truth.yaw_rate"]).any()
@@ -50,7 +50,7 @@ def assert_equal_logs(a, b):
 
 @pytest.fixture
 def compiled_count(monkeypatch):
-    """How often simulate had a scenario compiled, or looked for what was kept on disk."""
+    """Count how often simulate compiles a scenario or looks for a cached one."""
     count = []
     compile_scenario = simulate_module.compile_scenario
 
@@ -64,7 +64,7 @@ def compiled_count(monkeypatch):
 
 @pytest.mark.thorough
 @needs_c
-def test_a_scenario_is_prepared_once(short, compiled_count):
+def test_scenario_is_compiled_once(short, compiled_count):
     scenario = replace(short, duration=seconds("0.2"))
     logs = [simulate(scenario, seed=seed, log_period=ms(period)) for seed, period in ((1, 1), (2, 10), (1, 1))]
     assert len(compiled_count) == 1
@@ -79,7 +79,7 @@ def test_a_scenario_is_prepared_once(short, compiled_count):
 
 @pytest.mark.thorough
 @needs_c
-def test_what_was_changed_in_a_scenario_is_flown(short, compiled_count):
+def test_changes_to_a_scenario_take_effect(short, compiled_count):
     angles = np.array(short.world.actuators.rudder.angles)
     rudder = replace(short.world.actuators.rudder, angles=angles)
     sensors = dict(short.world.sensors)
@@ -99,7 +99,7 @@ def test_what_was_changed_in_a_scenario_is_flown(short, compiled_count):
 
 
 @needs_c
-def test_logs_of_one_program_share_nothing_that_can_be_changed(short):
+def test_logs_share_no_mutable_data(short):
     first, second = (simulate(short, seed=1, duration=seconds("0.1")) for _ in range(2))
     first.metadata["parameters"]["world.actuators.rudder.angles"][0] = 99.0
     del first.metadata["parts"]["world"]
@@ -115,7 +115,7 @@ def test_logs_of_one_program_share_nothing_that_can_be_changed(short):
 
 
 @needs_c
-def test_a_log_of_many_is_the_single_run_to_the_bit_and_holds_its_own_rows(short):
+def test_simulate_many_equals_single_runs_bit_for_bit(short):
     many = simulate_many(short, seeds=[3, 9, 4], log_period=ms(1), duration=seconds("0.3"))
     for log, seed in zip(many, (3, 9, 4), strict=True):
         assert_equal_logs(log, simulate(short, seed=seed, duration=seconds("0.3")))
@@ -123,7 +123,7 @@ def test_a_log_of_many_is_the_single_run_to_the_bit_and_holds_its_own_rows(short
         assert_equal_logs(log, copy)
 
 
-def test_batch_is_the_same_as_its_runs_alone(short):
+def test_simulate_many_matches_its_single_runs(short):
     batch = simulate_many(short, seeds=[3, 9], log_period=ms(1))
     for log, seed in zip(batch, (3, 9), strict=True):
         alone = simulate(short, seed=seed)
@@ -132,15 +132,15 @@ def test_batch_is_the_same_as_its_runs_alone(short):
 
 
 @pytest.mark.thorough
-def test_switching_one_fault_off_leaves_the_noise_of_the_others(short):
-    """Streams belong to the path of a part, so two runs differ by the fault alone."""
+def test_disabling_one_imperfection_keeps_the_noise_of_others(short):
+    """Random streams belong to the path of a part, so two runs differ only by the imperfection."""
     real, prompt = simulate(short), simulate(short.without("uplink-delay"))
     error = [log["sensors.navigation.value.yaw_rate"] - log["truth.yaw_rate"] for log in (real, prompt)]
     due = real.ticks % ms(6) == 0
     np.testing.assert_allclose(error[0][due], error[1][due], atol=1e-12)
 
 
-def test_delay_of_the_loop_is_76_ms(short):
+def test_loop_delay_is_76_ms(short):
     """The age of what acts is 36 ms of downlink, 40 ms of uplink, and the waits for the next sample."""
     log = simulate(short)
     late = log.t > 0.2
@@ -155,14 +155,14 @@ def test_delay_of_the_loop_is_76_ms(short):
     assert first_action == pytest.approx(0.080)  # sampled at 40 ms, two periods of 20 ms
 
 
-def test_signals_can_be_chosen_and_unknown_ones_are_refused(short):
+def test_selects_signals_and_rejects_unknown_ones(short):
     log = simulate(short, signals=("truth.yaw_rate", "law"))
     assert set(log.paths) == {"truth.yaw_rate", "law.demand.FX", "law.demand.FY", "law.lyapunov"}
     with pytest.raises(InputError, match=r"truth\.yaw_rate"):
         simulate(short, signals=("truth.yaw",))
 
 
-def test_final_is_the_truth_after_the_last_step(short):
+def test_final_state_is_the_truth_after_the_last_step(short):
     log = simulate(short)
     step = log["truth.heading"][-1] - log["truth.heading"][-2]
     assert log.final["truth.heading"] == pytest.approx(log["truth.heading"][-1] + step, abs=1e-4)
@@ -170,7 +170,7 @@ def test_final_is_the_truth_after_the_last_step(short):
 
 
 @pytest.mark.thorough
-def test_instants_without_a_common_divisor_are_all_walked(short):
+def test_incommensurate_periods_are_all_simulated(short):
     """1 ms control, 6.5536 ms sampling, 20 ms frames."""
     sensors = {"navigation": NavigationErrors(period=65536)}
     odd = replace(
@@ -185,7 +185,7 @@ def test_instants_without_a_common_divisor_are_all_walked(short):
 
 @record
 class Counted:
-    """What laws read, and how many samples were fresh. Source: this test."""
+    """States for the law, and the number of fresh samples. Source: this test."""
 
     surge_velocity: Any = quantity("m/s", "Along x.")
     sway_velocity: Any = quantity("m/s", "Along y.")
@@ -196,7 +196,7 @@ class Counted:
 
 @record
 class Counting:
-    """An estimator that believes its sensor, and counts. Source: this test."""
+    """An estimator that passes its sensor on and counts samples. Source: this test."""
 
     listens = ("navigation",)
 
@@ -214,8 +214,8 @@ class Counting:
 @pytest.mark.thorough
 @pytest.mark.parametrize("backend", ["c", "jax"])
 @pytest.mark.parametrize("wire", [ms(1), 65536, ms(3)])
-def test_each_sample_is_fresh_to_the_estimator_once(short, wire, backend):
-    """An IMU's tick, a wire and an autopilot that keep different times: nothing is lost, nothing is counted twice."""
+def test_estimator_receives_each_sample_as_fresh_once(short, wire, backend):
+    """With different periods of IMU, wire and autopilot, no sample is lost or counted twice."""
     world = replace(short.world, sensors={"navigation": NavigationErrors(period=65536)}, downlink=Wire(period=wire))
     counted = replace(short, world=world, autopilot=replace(short.autopilot, estimator=Counting()))
     log = simulate(counted, backend=backend)
@@ -239,39 +239,39 @@ class Climb:
         raise AssertionError("refused before it is stepped")
 
 
-def test_a_law_that_reads_what_nobody_gives_is_refused(short):
+def test_rejects_a_law_that_reads_a_missing_state(short):
     wrong = replace(short, autopilot=replace(short.autopilot, law=Climb()))
     with pytest.raises(InputError, match=r"Climb reads 'pitch', which Passthrough does not give(.|\n)*yaw_rate"):
         simulate(wrong)
 
 
-def test_a_sensor_that_the_world_does_not_send_is_refused(short):
+def test_rejects_an_estimator_that_reads_a_missing_sensor(short):
     wrong = replace(short, autopilot=replace(short.autopilot, estimator=Passthrough("compass")))
     with pytest.raises(InputError, match=r"reads sensor 'compass', but the world sends only \(navigation\)"):
         simulate(wrong)
 
 
-def test_two_sensors_of_one_name_are_refused(short):
+def test_rejects_duplicate_sensor_names(short):
     pairs = [("navigation", NavigationErrors()), ("navigation", PlanarNavigation())]
     w = short.world
     with pytest.raises(InputError, match="two sensors are named 'navigation': NavigationErrors and PlanarNavigation"):
         World(w.vehicle, pairs, w.actuators, w.downlink, w.uplink)
 
 
-def test_sensors_may_be_given_as_pairs(short):
+def test_accepts_sensors_as_pairs(short):
     w = short.world
     world = World(w.vehicle, [("navigation", NavigationErrors())], w.actuators, w.downlink, w.uplink)
     assert simulate(replace(short, world=world)).final == simulate(short).final
 
 
-def test_parts_that_do_not_fit_are_refused_with_both_names(short):
+def test_rejects_mismatched_initial_state(short):
     crooked = replace(short, initial=short.world.vehicle)
     with pytest.raises(InputError, match="does not fit"):
         simulate(crooked)
 
 
 @pytest.mark.thorough
-def test_a_recorded_trace_is_replayed_from_its_file(short, tmp_path):
+def test_recorded_latency_trace_is_replayed_from_its_file(short, tmp_path):
     file = tmp_path / "trace.csv"
     file.write_text("sent_s,latency_s\n0.0,0.010\n0.02,0.025\n0.04,0.015\n")
     link = LatencyTrace.of(read_trace(file))
@@ -283,7 +283,7 @@ def test_a_recorded_trace_is_replayed_from_its_file(short, tmp_path):
 @pytest.mark.parametrize(
     "rows", ["", "sent_s,latency_s\n", "sent_s,latency_s\n0,fast\n1,2\n", "sent_s,latency_s\n1,0.1\n0,0.1\n"]
 )
-def test_bad_trace_files_are_refused_with_the_file(rows, tmp_path):
+def test_invalid_trace_file_error_names_the_file(rows, tmp_path):
     file = tmp_path / "trace.csv"
     file.write_text(rows)
     with pytest.raises(InputError, match=r"trace\.csv"):
@@ -292,14 +292,14 @@ def test_bad_trace_files_are_refused_with_the_file(rows, tmp_path):
 
 @pytest.mark.parametrize("value", [1.5, "1", True, -1, 2**32, np.float64(2)])
 @pytest.mark.parametrize("name", ["seed", "run"])
-def test_refuses_a_seed_that_is_not_whole(short, name, value):
+def test_rejects_a_seed_or_run_that_is_not_a_valid_integer(short, name, value):
     with pytest.raises(InputError, match="must be a whole number") as refused:
         simulate(short, **{name: value})
     assert refused.value.part == name
 
 
 @pytest.mark.parametrize("value", ["0 s", "-1 ms", 0, "2 s"])
-def test_refuses_a_log_without_rows(short, value):
+def test_rejects_a_log_period_without_rows(short, value):
     with pytest.raises(InputError, match="must be above 0 s"):
         simulate(short, log_period=value)
 
@@ -312,12 +312,12 @@ def test_refuses_a_log_without_rows(short, value):
         (lambda s: replace(s, world=replace(s.world, uplink=Wire(period=50))), "too short"),
     ],
 )
-def test_refuses_integers_meant_as_seconds(short, change, said):
+def test_rejects_integers_meant_as_seconds(short, change, said):
     with pytest.raises(InputError, match=said):
         simulate(change(short))
 
 
-def test_a_log_period_is_refused_before_anything_is_compiled(short, monkeypatch):
+def test_rejects_an_invalid_log_period_before_compiling(short, monkeypatch):
     monkeypatch.setattr(simulate_module, "compile_scenario", lambda *_, **__: pytest.fail("compiled"))
     for period in (0, "2 s"):
         with pytest.raises(InputError, match="log_period: must be above 0 s and at most the flight's 1 s"):

@@ -1,4 +1,4 @@
-"""Faults of a vehicle on a real line: those of the uplink act before the failsafe, and stop the vehicle."""
+"""Faults of a vehicle on a real link: uplink faults act before the failsafe and stop the vehicle."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def step(parts):
 
 
 def driven(parts, step, word, severity=1.0):
-    """Speeds (rpm) that reach the actuators each millisecond, and the modes: a command each 20 ms, none missing."""
+    """Return speeds (rpm) at the actuators each millisecond, and the modes, for a command each 20 ms."""
     bare, world, command = parts
     if step is not None:
         step.reset()
@@ -59,7 +59,7 @@ def driven(parts, step, word, severity=1.0):
 
 
 @pytest.mark.thorough
-def test_without_a_fault_commands_pass_as_they_are(parts, step):
+def test_commands_pass_unchanged_without_a_fault(parts, step):
     speeds, modes = driven(parts, step, "none")
     assert set(modes) == {"computer"}
     assert np.array_equal(speeds, 5000.0 + np.arange(1500) // 20 * 20)
@@ -67,8 +67,8 @@ def test_without_a_fault_commands_pass_as_they_are(parts, step):
 
 
 @pytest.mark.parametrize("word", ["off", "stuck", "garbage"])
-def test_an_uplink_that_brings_nothing_new_ends_in_failsafe(parts, step, word):
-    """The last good command came at 480 ms; 250 ms later the fan stands still, and stays so."""
+def test_uplink_without_new_commands_triggers_failsafe(parts, step, word):
+    """The last good command arrives at 480 ms; 250 ms later the fan stops for good."""
     speeds, modes = driven(parts, step, word)
     assert modes.index("failsafe") == 730
     assert (speeds[:730] > 0).all()
@@ -76,12 +76,12 @@ def test_an_uplink_that_brings_nothing_new_ends_in_failsafe(parts, step, word):
     assert modes[-1] == "failsafe"
 
 
-def test_a_late_uplink_is_flown_on_and_a_very_late_one_is_not(parts, step):
+def test_only_a_long_uplink_delay_triggers_failsafe(parts, step):
     assert set(driven(parts, step, "delayed", 0.2)[1]) == {"computer"}
     assert driven(parts, step, "delayed", 0.3)[1][-1] == "failsafe"
 
 
-def test_a_wrong_uplink_is_believed_only_within_limits(parts, step):
+def test_wrong_uplink_commands_are_accepted_only_within_limits(parts, step):
     speeds, modes = driven(parts, step, "wrong", 0.1)
     assert set(modes) == {"computer"}
     assert speeds[700] == pytest.approx(1.1 * 5700)
@@ -90,8 +90,8 @@ def test_a_wrong_uplink_is_believed_only_within_limits(parts, step):
     assert speeds.max() < 6600
 
 
-def test_faults_of_the_command_line_stay_on_a_real_line(scenario):
-    """They were lost with the simulated channels that they stood in."""
+def test_command_line_faults_are_kept_on_a_real_link(scenario):
+    """Regression: the faults were lost with the simulated channels that they wrapped."""
     both = replace_links(inject_faults(scenario, ["uplink delayed by 0.3 @ 1 s", "downlink off @ 2 s"]))
     for channel, word in ((both.world.uplink, "delayed"), (both.world.downlink, "off")):
         assert WORDS[int(channel.fault.kind)] == word
@@ -100,7 +100,7 @@ def test_faults_of_the_command_line_stay_on_a_real_line(scenario):
     assert isinstance(replace_links(scenario).world.uplink, Wire)
 
 
-def test_a_plan_names_parameters_that_the_vehicle_has(scenario):
+def test_fault_plan_names_existing_vehicle_parameters(scenario):
     from trimtab.flight.injector import add_idle_faults
 
     table = Parameters(add_idle_faults(scenario).world, "world").table()

@@ -1,4 +1,4 @@
-"""A scenario over a recording of a line, from what is typed: the delays that are flown are those of the file."""
+"""Scenarios built from settings: link recordings, files, and errors with suggestions."""
 
 import importlib
 import re
@@ -43,7 +43,7 @@ def test_packets_take_the_recorded_latencies_in_turn(file):
     assert len(ages) > 70
 
 
-def test_the_rest_of_the_scenario_is_as_it_was(file):
+def test_uplink_recording_leaves_the_rest_of_the_scenario_unchanged(file):
     own, changed = build(NAME), build(NAME, {"uplink": file, "world.vehicle.mass": "3"})
     assert isinstance(changed.world.uplink, LatencyTrace)
     assert changed.world.uplink.send_period == own.world.uplink.period
@@ -52,7 +52,7 @@ def test_the_rest_of_the_scenario_is_as_it_was(file):
     assert (own.world.vehicle.mass, changed.world.vehicle.mass) == (2.6, 3.0)
 
 
-def test_a_ring_is_as_long_as_the_longest_latency_needs(tmp_path):
+def test_link_buffer_capacity_covers_the_longest_latency(tmp_path):
     path = tmp_path / "slow.csv"
     write_trace(path, Trace(np.arange(2) * 0.02, np.array([0.1, 4.0]), np.zeros(2, bool)))
     assert build(NAME, {"downlink": str(path)}).world.downlink.capacity > 4.0 / 0.006
@@ -61,29 +61,29 @@ def test_a_ring_is_as_long_as_the_longest_latency_needs(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"), [("3", "is not a recording(.|\\n)*link-test"), ("nothing.csv", "file not found")]
 )
-def test_what_is_no_recording_is_refused(text, said):
+def test_rejects_invalid_link_recordings(text, said):
     with pytest.raises(InputError, match=said):
         build(NAME, {"uplink": text})
 
 
-def test_who_mistypes_it_is_shown_it():
+def test_mistyped_uplink_setting_suggests_uplink():
     with pytest.raises(InputError, match=r"no choice and no setting(.|\n)*Fix: settings=\{\"uplink\": "):
         build(NAME, {"uplnk": "up.csv"})
 
 
 @pytest.mark.parametrize(("typed", "path"), [("mass", "world.vehicle.mass"), ("k1", "autopilot.law.k1")])
-def test_a_setting_typed_by_its_last_word_is_shown_with_its_path(typed, path):
+def test_setting_without_its_path_suggests_the_full_path(typed, path):
     with pytest.raises(InputError, match=f"no setting of this name(.|\n)*Fix: .*{re.escape(path)}"):
         build(NAME, {typed: "3"})
 
 
-def test_a_mistyped_function_of_a_file_is_shown_the_nearest(tmp_path):
+def test_mistyped_function_of_a_file_suggests_the_nearest(tmp_path):
     (tmp_path / "mine.py").write_text("def scenario():\n    return None\n")
     with pytest.raises(InputError, match=r"no function 'scenari'(.|\n)*Fix: .*mine\.py:scenario$"):
         build(f"{tmp_path}/mine.py:scenari")
 
 
-def test_a_file_that_is_not_here_is_said_to_be_missing_from_here(tmp_path, monkeypatch):
+def test_missing_file_error_names_the_current_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"no file 'mine\.py' in (.|\n)*trimtab new vehicle mine$") as refused:
         build("mine.py:scenario")
@@ -91,7 +91,7 @@ def test_a_file_that_is_not_here_is_said_to_be_missing_from_here(tmp_path, monke
 
 
 @pytest.mark.parametrize("name", ["random", "json", "numpy", "colorsys"])
-def test_a_file_named_like_another_module_does_not_replace_it(tmp_path, name):
+def test_scenario_file_does_not_replace_a_module_of_its_name(tmp_path, name):
     text = "from trimtab.scenarios.hovercraft.forward import scenario\n\n\ndef mine():\n    return scenario()\n"
     (tmp_path / f"{name}.py").write_text(text)
     before = importlib.import_module(name)
@@ -100,13 +100,13 @@ def test_a_file_named_like_another_module_does_not_replace_it(tmp_path, name):
     assert importlib.import_module(name).__spec__.origin == before.__spec__.origin
 
 
-def test_one_fault_may_be_given_as_a_text():
+def test_accepts_a_single_fault_as_text():
     scenario = build(NAME, faults="uplink off @ 1 s", without="navigation-error")
     assert scenario.choices["faults"] == ["uplink off @ 1 s"]
     assert scenario.choices["without"] == ["navigation-error"]
 
 
-def test_a_build_does_not_import_what_only_a_gain_needs():
+def test_build_does_not_import_scipy_optimisers():
     code = (
         "import sys, trimtab.run.simulate; print([n for n in ('scipy.optimize', 'scipy.linalg') if n in sys.modules])"
     )

@@ -1,4 +1,4 @@
-"""`dubins/path`: each goal's shortest way has its word, the car gets there, and what the links cost."""
+"""`dubins/path`: the word of each goal's shortest path, arrival at the goal, and the effect of the links."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from trimtab.scenarios.dubins.path import GOALS
 
 
 def at_goal(log, scenario, word):
-    """Distance (m) and turn (rad) from the goal, where the target has come to it."""
+    """Return distance (m) and angle (rad) from the goal when the target reaches it."""
     path = scenario.autopilot.law.reference
     k = int(np.argmax(log["law.progress"] >= path.length / path.speed))
     north, east, heading = GOALS[word]
@@ -21,7 +21,7 @@ def at_goal(log, scenario, word):
 
 @pytest.mark.thorough("LSL", "RSR", "RSL", "LRL")
 @pytest.mark.parametrize("word", WORDS)
-def test_the_car_gets_there_by_the_shortest_word(word):
+def test_car_reaches_the_goal_by_the_shortest_word(word):
     scenario = build("dubins/path", {"word": word})
     assert word_of(scenario.autopilot.law.reference) == word
     away, turn = at_goal(simulate(scenario.ideal()), scenario, word)
@@ -34,8 +34,8 @@ def test_the_car_gets_there_by_the_shortest_word(word):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("word", ["RLR", "LRL"])
-def test_a_predictor_makes_up_for_the_links(word):
-    """From one turn into the other, where a delay costs most."""
+def test_predictor_halves_the_tracking_error_of_links(word):
+    """From one turn into the other, where a delay has the largest effect."""
     late, on = (simulate(build("dubins/path", {"word": word, "predictor": p})) for p in ("off", "on"))
     rms = [np.sqrt(np.mean(log["law.cross_track"][log.t > 3] ** 2)) for log in (late, on)]
     assert 0.04 < rms[0] < 0.1

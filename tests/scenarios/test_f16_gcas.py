@@ -1,6 +1,6 @@
-"""The F-16 that avoids the ground: how low it gets, from where it fails, and what its surfaces' lag does to it.
+"""The F-16 that avoids the ground: lowest altitude, failing starts, and the effect of actuator lag.
 
-Bands are around what this package gave, over eight seeds; how low the publication's flights get: study stevens_lewis.
+Bands are regression bands over eight seeds; the altitudes of the published flights are in the study stevens_lewis.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ LOWEST = {"dive": (360, 410), "inverted": (800, 960)}
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("start", LOWEST)
-def test_it_stays_above_the_ground(start):
+def test_aircraft_stays_above_the_ground(start):
     logs = simulate_many(build("f16/gcas", {"start": start}), seeds=range(8), log_period=ms(20))
     least = np.array([np.min(log["truth.altitude"]) for log in logs]) / FOOT
     low, high = LOWEST[start]
@@ -38,8 +38,8 @@ def test_it_stays_above_the_ground(start):
 
 
 @pytest.mark.thorough
-def test_it_stays_above_the_ground_on_its_own_navigation():
-    """Fixes 120 ms late, and none from 2 s to 4.5 s; the law waits for the first, so that it gets a little lower."""
+def test_aircraft_stays_above_the_ground_on_gnss_inertial_navigation():
+    """Fixes are 120 ms late, with an outage from 2 s to 4.5 s; waiting for the first fix costs altitude."""
     scenario = build("f16/gcas", {"navigation": "gnss-inertial"})
     logs = simulate_many(scenario, seeds=range(40), log_period=ms(20))
     least = np.array([np.min(log["truth.altitude"]) for log in logs]) / FOOT
@@ -62,8 +62,8 @@ def test_it_stays_above_the_ground_on_its_own_navigation():
 
 
 @pytest.mark.thorough
-def test_surfaces_that_lag_unsettle_the_published_roll_loop():
-    """Poles of roll angle, roll loop and surfaces, linear: unstable with the published gains, not with ours."""
+def test_actuator_lag_destabilises_the_published_roll_loop():
+    """Linear poles of roll angle, roll loop and surfaces: unstable with the published gains, stable with ours."""
     lag = 20.2
 
     def rightmost(weights, bank, damping):
@@ -85,7 +85,7 @@ def test_surfaces_that_lag_unsettle_the_published_roll_loop():
 
 @pytest.mark.thorough
 def test_published_gains_miss_the_ground_only_without_lag():
-    """The dive, by AeroBenchVV's own gains: with lag it stalls, without lag and rate limit it climbs away."""
+    """The dive with AeroBenchVV's gains: with lag the aircraft stalls, without lag and rate limit it climbs away."""
     lagged = build("f16/gcas", {"gains": "published"})
     quick = lagged.without("actuator-lag").without("rate-limit")
     stalls, climbs = (simulate_many(s, seeds=[0], log_period=ms(20))[0] for s in (lagged, quick))
@@ -95,8 +95,8 @@ def test_published_gains_miss_the_ground_only_without_lag():
 
 
 @pytest.mark.thorough
-def test_a_steep_dive_from_the_deck_hits_the_ground():
-    """Campaign: shallow dives all miss it, steep ones all hit, for no pull-up has the room."""
+def test_only_steep_dives_from_the_deck_hit_the_ground():
+    """Campaign: all shallow dives miss the ground, and all steep dives hit it."""
     for spread, success in (("uniform(-0.5, -0.1)", 1.0), ("uniform(-1.2, -1.0)", 0.0)):
         result = Campaign(
             "f16/gcas",
@@ -112,7 +112,7 @@ def test_a_steep_dive_from_the_deck_hits_the_ground():
 @pytest.mark.thorough
 @pytest.mark.parametrize(("name", "most", "rate"), [("elevator", 25, 60), ("aileron", 21.5, 80), ("rudder", 30, 120)])
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_stops_and_rates_of_the_surfaces_are_the_book_s(name, most, rate, side):
+def test_surface_stops_and_rates_match_the_published_values(name, most, rate, side):
     trim = F16Controls(-0.01, 0.0, 0.0, 0.14)
     bank, state, angles, limited = surfaces(trim), surfaces(trim).init(key(0)), [], []
     for k in range(200):
@@ -125,7 +125,7 @@ def test_stops_and_rates_of_the_surfaces_are_the_book_s(name, most, rate, side):
     assert all(limited), "its command lies beyond a stop"
 
 
-def test_small_commands_follow_the_book_s_lag_and_the_throttle_has_none():
+def test_surfaces_have_the_published_lag_and_throttle_has_none():
     trim = F16Controls(-0.01, 0.0, 0.0, 0.14)
     bank, state = surfaces(trim), surfaces(trim).init(key(0))
     for k in range(1, 41):

@@ -1,4 +1,4 @@
-"""Flights by a gain of `trimtab design VEHICLE --lqr`: on four vehicles, in every verb's words, and refusals."""
+"""Flights with a gain of `trimtab design VEHICLE --lqr`: four vehicles, all commands, and invalid gains."""
 
 import json
 
@@ -41,7 +41,7 @@ def folder(tmp_path_factory):
 
 
 def design(folder, name, *more):
-    """The file of a gain, proved and proved again."""
+    """Return the file of a designed gain; cached per arguments."""
     file = folder / f"{name.replace('/', '-')}{'-'.join(more)}.json".replace(" ", "")
     if not file.exists():
         done = call("design", name, "--lqr", *DESIGNS[name].split(), *more, "--out", file)
@@ -50,7 +50,7 @@ def design(folder, name, *more):
 
 
 @pytest.mark.thorough
-def test_the_gain_takes_the_place_of_the_law_about_its_trim(folder):
+def test_gain_file_replaces_the_law_about_its_trim(folder):
     file = design(folder, CART[0])
     certificate, _ = read_certificate(file)
     name, settings = CART
@@ -79,7 +79,7 @@ def test_the_law_assumes_the_vehicle_of_its_design(folder):
 
 
 @pytest.mark.thorough
-def test_a_log_flies_again_without_the_file(folder, tmp_path):
+def test_log_is_rebuilt_without_the_gain_file(folder, tmp_path):
     name, settings = CART
     file = tmp_path / "gone.json"
     file.write_text(design(folder, name).read_text(encoding="utf-8"), encoding="utf-8")
@@ -91,7 +91,7 @@ def test_a_log_flies_again_without_the_file(folder, tmp_path):
     np.testing.assert_array_equal(simulate(again, duration="100 ms")["command.value.force"], log["command.value.force"])
 
 
-def test_refusals(folder, tmp_path):
+def test_rejects_gains_that_do_not_fit(folder, tmp_path):
     name, settings = CART
     file = design(folder, name)
     certificate, _ = read_certificate(file)
@@ -127,7 +127,7 @@ def test_refusals(folder, tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_gain_of_states_that_nothing_estimates_says_which_settle_fast(folder):
+def test_gain_on_unestimated_states_suggests_fast_states(folder):
     file = folder / "whole.json"
     words = DESIGNS["vessel/path"].replace(
         "--fast rudder --fast shaft_speed", "--limit rudder=1 --limit shaft_speed=90"
@@ -139,7 +139,7 @@ def test_a_gain_of_states_that_nothing_estimates_says_which_settle_fast(folder):
 
 
 @pytest.mark.thorough
-def test_states_that_do_not_settle_are_not_fast():
+def test_rejects_unstable_or_unknown_fast_states():
     words = DESIGNS["cart-pole/swing-up"].split()
     done = call("design", "cart-pole/swing-up", "--lqr", "--fast", "angle", "--fast", "angle_rate", *words[:6])
     assert done.exit_code == 2
@@ -150,8 +150,8 @@ def test_states_that_do_not_settle_are_not_fast():
 
 
 @pytest.mark.thorough
-def test_the_certificate_says_how_the_loop_fares_with_what_is_fast_in_it(folder):
-    """A gain of a model without its fast states is proved for the loop that has them, or not proved."""
+def test_certificate_proves_the_loop_with_fast_states(folder):
+    """A gain designed without fast states is proved for the loop with them, or reported as not proved."""
     file = design(folder, "vessel/path")
     assert set(read_certificate(file)[0].recorded) == {"loop with fast states"}
     hasty = DESIGNS["vessel/path"].replace("heading=0.2", "heading=0.001").replace("yaw_rate=0.2", "yaw_rate=0.1")
@@ -169,7 +169,7 @@ def test_the_certificate_says_how_the_loop_fares_with_what_is_fast_in_it(folder)
         ("f16/gcas", {"initial.pitch": "0.1", "initial.roll": "0.3", "initial.speed": "155"}, 15, 4.0),
     ],
 )
-def test_vehicles_in_space_and_at_sea_come_to_their_trim(folder, name, settings, seconds, within):
+def test_gain_brings_other_vehicles_to_their_trim(folder, name, settings, seconds, within):
     file = design(folder, name)
     assert call("design", name, "--lqr", "--check", file).exit_code == 0
     scenario = build(name, {**settings, GAIN: str(file)})
@@ -182,8 +182,8 @@ def test_vehicles_in_space_and_at_sea_come_to_their_trim(folder, name, settings,
 
 
 @pytest.mark.thorough
-def test_a_wrong_mass_costs_what_the_page_says(folder):
-    """20 % more mass than assumed: it hangs lower by the weight that the gain's own trim does not carry."""
+def test_wrong_mass_gives_the_documented_height_offset(folder):
+    """With 20 % more mass than assumed, the hover is lower by the weight that the trim does not carry."""
     name, heavy = "quadrotor/track", {"trajectory": "place", "world.vehicle.mass": "5.208"}
     heights = {}
     for what, more in {
@@ -199,7 +199,7 @@ def test_a_wrong_mass_costs_what_the_page_says(folder):
 
 
 @pytest.mark.thorough
-def test_every_verb_flies_it(folder):
+def test_every_command_accepts_a_gain_file(folder):
     file, name = design(folder, CART[0]), CART[0]
     words = [name, "--set", "start=leaning", "--set", f"gain={file}"]
     done = call("run", *words, "--set", "duration=2", "--json", "--out", folder / "flown")

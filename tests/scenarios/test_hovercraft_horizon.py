@@ -1,4 +1,4 @@
-"""`hovercraft/track` by the receding-horizon law on the whole loop, beside the Lyapunov tracker; and a plan."""
+"""`hovercraft/track` by the receding-horizon law on the full loop, compared with the Lyapunov tracker; and a plan."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.thorough
 
 
 def errors(log):
-    """Of P from where it was wanted (m), from 15 s on."""
+    """Return the distance of P from its reference (m), from 15 s on."""
     heading = log["truth.heading"]
     north = log["truth.north"] + ARM * np.cos(heading) - log["law.north_reference"]
     east = log["truth.east"] + ARM * np.sin(heading) - log["law.east_reference"]
@@ -32,7 +32,7 @@ def fly(law, seeds=3, **settings):
 
 
 @pytest.mark.parametrize("reference", ["circle", "eight", "waypoints"])
-def test_it_tracks_on_the_whole_loop(reference):
+def test_horizon_law_tracks_references_on_the_full_loop(reference):
     logs, rms, most = fly("horizon", reference=reference)
     _, other, other_most = fly("lyapunov", reference=reference)
     solved = np.mean([log["law.solved"][log.t > 1].mean() for log in logs])
@@ -45,7 +45,7 @@ def test_it_tracks_on_the_whole_loop(reference):
     assert solved > 0.9
 
 
-def test_a_plan_is_flown_on_the_whole_loop_without_touching(tmp_path):
+def test_plan_is_flown_on_the_full_loop_without_collision(tmp_path):
     task = read_task(HALL)
     plan = plan_path(task)
     plan.write(tmp_path / "plan.csv")

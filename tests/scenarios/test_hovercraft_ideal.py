@@ -1,4 +1,4 @@
-"""The ideal twins against tests/oracles/hovercraft.py, and against what the text of [1] says must be seen.
+"""The ideal twins against tests/oracles/hovercraft.py and the text of [1].
 
 [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 6.1.
 """
@@ -19,7 +19,7 @@ ARM = 0.32
 
 @cache
 def ideal(name, *settings, duration=None):
-    """Log of the ideal twin, every millisecond."""
+    """Return the log of the ideal twin, every millisecond."""
     scenario, rest = catalogue.load_scenario(f"hovercraft/{name}", dict(settings))
     return simulate(with_settings(scenario, rest).ideal(), duration=duration)
 
@@ -29,7 +29,7 @@ def first(log, signal, holds):
 
 
 @pytest.mark.thorough
-def test_zero_velocity_extremes():
+def test_zero_velocity_extremes_match_the_figure():
     """Fig. 6.7: extremes within 2 %, the turn stopped at 4.09 s."""
     log = ideal("zero-velocity")
     surge, sway = log["truth.surge_velocity"], log["truth.sway_velocity"]
@@ -63,7 +63,7 @@ def test_zero_velocity_never_holds_a_heading():
     assert drift == pytest.approx(np.sqrt(2 / c) * (np.sqrt(2000 + t0) - np.sqrt(1000 + t0)), rel=0.01)
 
 
-def test_spin_extremes():
+def test_spin_extremes_match_the_figure():
     """Fig. 6.10: extremes within 1.5 %."""
     log = ideal("spin")
     wanted = {"surge_velocity": (-0.239, 0.169), "sway_velocity": (-0.197, 0.180)}
@@ -73,7 +73,7 @@ def test_spin_extremes():
     assert log["truth.yaw_rate"].max() == pytest.approx(3.438, rel=0.015)
 
 
-def test_spin_brakes_first_when_it_must():
+def test_spin_brakes_before_spinning_from_a_fast_slide():
     """Section 1.5: from a fast slide the supervisor damps until V < eps(Pi), then spins and reaches the good point."""
     start = (("initial.sway_velocity", "-1.0"), ("initial.yaw_rate", "-4.0"))
     log = ideal("spin", *start, duration=seconds(60))
@@ -84,8 +84,8 @@ def test_spin_brakes_first_when_it_must():
 
 
 @pytest.mark.thorough
-def test_bang_bang_chatters_at_the_edge():
-    """Fig. 6.12: it stays at the tolerance's edge, switches over 400 times, and its sway does not vanish."""
+def test_bang_bang_chatters_at_the_tolerance_edge():
+    """Fig. 6.12: the heading stays at the edge of the tolerance, with over 400 switches and remaining sway."""
     log = ideal("heading-bang-bang")
     error = log["law.heading_error"][log.t > 30]
     assert 0.012 <= np.abs(error).mean() <= 0.02
@@ -122,8 +122,8 @@ def test_proportional_is_slower_than_bang_bang_and_slides_less():
 
 
 @pytest.mark.thorough
-def test_floored_proportional_ends_without_the_error():
-    """Section 1.6: the floor on the reference cures the freezing."""
+def test_floored_proportional_has_no_steady_error():
+    """Section 1.6: the floor on the reference prevents the freezing."""
     log = ideal("heading-proportional")
     assert np.abs(log["law.heading_error"][log.t > 30]).max() < 3 * np.pi / 180
     literal = ideal("heading-proportional", *LITERAL)
@@ -132,8 +132,8 @@ def test_floored_proportional_ends_without_the_error():
 
 @pytest.mark.thorough("heading-proportional")
 @pytest.mark.parametrize("name", ["heading-bang-bang", "heading-proportional"])
-def test_moving_start_turns_up_to_five_radians(name):
-    """Fig. 6.11: out of the slide the heading settles at 5 rad, not a full turn away."""
+def test_moving_start_heading_settles_at_five_radians(name):
+    """Fig. 6.11: from the slide the heading settles at 5 rad, not a full turn away."""
     log = ideal(name, ("initial", "moving"))
     assert log["truth.heading"][-1] == pytest.approx(5.0, abs=0.1)
 
@@ -154,7 +154,7 @@ def test_lyapunov_functions_fall_along_ideal_runs():
 
 
 def test_log_period_does_not_change_the_flight():
-    """A sparser log is the same flight, seen less often."""
+    """A sparser log contains the same flight at fewer instants."""
     scenario = replace(catalogue.load_scenario("hovercraft/zero-velocity")[0], duration=seconds(2))
     fine, coarse = simulate(scenario), simulate(scenario, log_period=ms(6))
     np.testing.assert_array_equal(coarse["truth.yaw_rate"], fine["truth.yaw_rate"][::6])

@@ -1,4 +1,4 @@
-"""The hovercraft flown on its navigation system in place of the error model: accurate, honest, and it flies better."""
+"""The hovercraft on its navigation system instead of the error model: accuracy, consistency, better flights."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def flown(name, **choices):
 
 
 def rms_errors(logs, after_s=5.0):
-    """Root mean square over runs and instants, by state."""
+    """Return the root mean square error over runs and instants, by state."""
     found = {}
     for log in logs:
         for name, one in state_series(log).items():
@@ -34,7 +34,7 @@ def check_accuracy(logs, heading=0.02):
 
 
 @pytest.mark.thorough
-def test_zero_velocity_is_flown_accurately_and_honestly():
+def test_zero_velocity_on_ins_is_accurate_and_consistent():
     scenario, logs = flown("hovercraft/zero-velocity", navigation="ins")
     check_accuracy(logs)
     verdicts = [assess_navigation(log).verdict for log in logs]
@@ -57,7 +57,7 @@ def test_zero_velocity_is_flown_accurately_and_honestly():
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("kind", ["ins", "ins-magnetometer", "ins-coupled"])
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_every_flight_is_flown_on_every_kind(name, kind):
+def test_every_navigation_kind_is_accurate_on_every_flight(name, kind):
     _, logs = flown(name, navigation=kind)
     check_accuracy(logs)
     verdicts = [assess_navigation(log).verdict for log in logs]
@@ -68,8 +68,8 @@ def test_every_flight_is_flown_on_every_kind(name, kind):
 
 @pytest.mark.thorough
 @pytest.mark.timeout(600)
-def test_measured_links_are_survived():
-    """Radio latencies that jitter: samples come in bursts, and are fused at their time."""
+def test_navigation_stays_accurate_over_measured_links():
+    """Radio latencies with jitter: samples arrive in bursts and are fused at their measurement time."""
     _, logs = flown("hovercraft/zero-velocity", navigation="ins", links="measured")
     check_accuracy(logs)
     assert not any(log["estimate.state.coasting"][log.t > 1].any() for log in logs)

@@ -1,6 +1,6 @@
-"""The pilot's scenario: its demonstration on the whole loop, and a stick that nobody holds.
+"""The pilot's scenario: its demonstration on the full loop, and a missing stick.
 
-Bands are regression bands around what this package gave, over eight seeds.
+Bands are regression bands around results of this package, over eight seeds.
 """
 
 from functools import cache
@@ -26,14 +26,14 @@ def flown(navigation, links="chain"):
 
 
 def velocity(log):
-    """Of the point that is steered, over the floor: north, east."""
+    """Return the velocity (north, east) of the steered point over the floor."""
     u, v, r, psi = (log[f"truth.{n}"] for n in ("surge_velocity", "sway_velocity", "yaw_rate", "heading"))
     side = v + ARM * r
     return u * np.cos(psi) - side * np.sin(psi), u * np.sin(psi) + side * np.cos(psi)
 
 
 def tracking(log, start, end):
-    """Root mean square error of the velocity against its reference, mean speed, rate of the course."""
+    """Return the rms velocity error, the mean speed, and the rate of the course."""
     part = (log.t >= start) & (log.t < end)
     north, east = (x[part] for x in velocity(log))
     speed, course = log["law.speed_reference"][part], log["law.course_reference"][part]
@@ -44,7 +44,7 @@ def tracking(log, start, end):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("links", ["chain", "measured"])
-def test_the_demonstration_on_the_navigation_system(links):
+def test_demonstration_tracks_the_stick_on_ins(links):
     """Ahead, turn, stop, spin: 36 and 40 ms of delay or the radio's own, all limits, 8 seeds."""
     logs = flown("ins", links)
     ahead, turn = (np.array([tracking(log, *part) for log in logs]) for part in ((6, 8), (14, 20)))
@@ -59,8 +59,8 @@ def test_the_demonstration_on_the_navigation_system(links):
 
 
 @pytest.mark.thorough
-def test_the_demonstration_on_the_error_model():
-    """The source's navigation errs by 0.1 m/s and more, and so does what is flown on it: wider bands, in the median."""
+def test_demonstration_tracks_the_stick_on_the_error_model():
+    """The thesis' navigation has errors of 0.1 m/s and more, and so have the flights: wider bands, for medians."""
     logs = flown("errors")
     turn = np.median([tracking(log, 14, 20) for log in logs], axis=0)
     assert turn[0] < 0.25
@@ -70,7 +70,7 @@ def test_the_demonstration_on_the_error_model():
 
 
 @pytest.mark.thorough
-def test_a_stick_that_nobody_holds_is_lost_and_the_craft_holds_still():
+def test_missing_stick_is_lost_and_craft_stays_still():
     scenario, _ = catalogue.load_scenario("hovercraft/pilot", {"stick": "console"})
     assert scenario.duration >= seconds(600)
     log = simulate(scenario.without("navigation-error"), duration=seconds(10), log_period=ms(10))
@@ -79,7 +79,7 @@ def test_a_stick_that_nobody_holds_is_lost_and_the_craft_holds_still():
 
 
 @pytest.mark.thorough
-def test_its_log_is_rebuilt_and_replayed(tmp_path):
+def test_log_is_rebuilt_and_replays_exactly(tmp_path):
     for stick in ("script", "console"):
         scenario = build("hovercraft/pilot", {"stick": stick, "supervisor": "automatic", "duration": "3 s"})
         log = read_mcap(write_mcap(simulate(scenario), tmp_path / f"{stick}.mcap"))

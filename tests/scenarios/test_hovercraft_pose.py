@@ -1,6 +1,6 @@
-"""Both ways to rest at a place and a heading, on the whole loop: how near they stay.
+"""Both laws for rest at a place and a heading, on the full loop: distance from the goal.
 
-Bands are regression bands around what this package gave, over eight seeds.
+Bands are regression bands around results of this package, over eight seeds.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ BANDS = {"swing": (0.10, 4.0), "steps": (0.30, 50.0)}
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("law", BANDS)
-def test_it_stays_near(law):
+def test_craft_stays_near_the_goal_pose(law):
     scenario, _ = catalogue.load_scenario("hovercraft/pose", {"law": law})
     logs = simulate_many(scenario, seeds=range(8), log_period=ms(20), signals=("truth", "law"))
     rests = []

@@ -1,6 +1,6 @@
-"""The simulated autopilot with its faults: what section 6.1 and figs. 6.7 to 6.10 of [1] say of it.
+"""The simulated autopilot with its imperfections, against section 6.1 and figs. 6.7 to 6.10 of [1].
 
-Tolerances are regression bands around what this package gave; what they confirm of [1] is a row of the study, not a
+Tolerances are regression bands around results of this package; agreement with [1] is a row of the study, not a
 test here. Seeds are 0 … 59, drawn once per scenario.
 
 [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
@@ -48,7 +48,7 @@ BANDS = {  # figure: signal: (min band, max band), from the ticks that enclose e
 
 @cache
 def logs(name, without=(), reading="C", settings=()):
-    """One log per seed, truth only."""
+    """Return one log per seed, truth only."""
     scenario, _ = catalogue.load_scenario(f"hovercraft/{name}", dict(settings))
     for fault in without:
         scenario = scenario.without(fault)
@@ -65,7 +65,7 @@ def stacked(name, signal, **options):
 
 
 def first(t, holds):
-    """Per run the first time at which a condition holds; infinite where it never does."""
+    """Return per run the first time at which a condition holds, infinite if never."""
     return np.where(holds.any(axis=1), t[holds.argmax(axis=1)], np.inf)
 
 
@@ -93,8 +93,8 @@ def test_forward_real_rises_in_five_seconds_and_wanders():
 
 
 @pytest.mark.thorough
-def test_navigation_noise_is_the_main_cause_of_the_oscillation():
-    """Text: "INS noise is the primary cause": without it nothing wanders, without delays nearly all of it stays."""
+def test_navigation_noise_is_the_main_cause_of_oscillation():
+    """Text: "INS noise is the primary cause": without it the craft does not wander, without delays it does."""
     t, quiet = stacked("forward", "sway_velocity", without=("navigation-error",))
     late = t > 8
     assert np.median(quiet[:, late].std(axis=1)) < 1e-3
@@ -119,7 +119,7 @@ def test_spin_real_turns_at_three_radians_per_second():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["heading-bang-bang", "heading-proportional"])
-def test_headings_are_reached_by_the_shortest_way_unless_the_source_s_reading_is_asked_for(name):
+def test_headings_turn_the_shortest_way_except_with_plain_difference(name):
     """From rest at most one run in sixty turns a whole circle; with fig. 6.11's plain difference every run does."""
     circles = {}
     for initial, target in (("", 1.0), ("moving", 5.0)):
@@ -130,7 +130,7 @@ def test_headings_are_reached_by_the_shortest_way_unless_the_source_s_reading_is
 
 
 def overlapping(reading="C"):
-    """How many axis bands the 2 … 98 % range of the run extremes overlaps, and which it misses."""
+    """Return the number of axis bands that the 2 … 98 % range of the run extremes overlaps, and the missed ones."""
     hits, misses = 0, []
     for name, signals in BANDS.items():
         for signal, bands in signals.items():
@@ -185,7 +185,7 @@ ROWS = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", SHARES)
-def test_shares_of_runs_that_hold_the_heading_are_those_of_the_page(name):
+def test_heading_success_rates_match_the_docs_page(name):
     """docs/laws/heading.md prints the share and its 95 % interval, each to a tenth of a per cent."""
     scenario, success, settings = SHARES[name]
     words = ["campaign", scenario, "--runs", "2000", "--success", success, *settings, "--json"]

@@ -1,4 +1,4 @@
-"""What is proved about the hovercraft's laws: it holds of the shipped code, and of no code with a mistake in it.
+"""Theorems about the hovercraft's laws: proved for the shipped code, and not for code with a mistake.
 
 Numbers: Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 2.2.
 """
@@ -45,7 +45,7 @@ def read(name):
 
 
 def prove(name, **changes):
-    """The shipped certificate of a theorem against the code as it is now."""
+    """Prove a theorem about the current code with its shipped certificate."""
     certificate, written = read(name)
     theorem = THEOREMS[f"hovercraft/{name}"](**dict(certificate.about))._replace(**changes)
     return prove_theorem(certificate, theorem, (written, theorem_digest(certificate)))
@@ -60,26 +60,26 @@ def lines(proof):
 
 
 @pytest.mark.parametrize("name", [name.partition("/")[2] for name in THEOREMS])
-def test_the_shipped_certificates_are_proved(name):
+def test_shipped_certificates_are_proved(name):
     assert fails(prove(name)) == {}
 
 
-def test_zero_velocity_rests_although_dv_vanishes_on_a_line():
-    """The source's proof takes the point for the set; it is a line, and LaSalle's set in it is computed."""
+def test_zero_velocity_invariant_set_is_the_origin():
+    """dV/dt vanishes on a line, not only at the point as in the thesis; LaSalle's invariant set in it is computed."""
     c = lines(prove("zero-velocity"))[INVARIANT]
     assert c.why.startswith("dV/dt = 0 on a line (r = v/d, u = 0)")
     assert c.why.endswith("it is r = 0, u = 0, v = 0")
     assert "d(u)/dt is v^2/d on this branch" in c.why
 
 
-def test_forward_falls_for_all_positive_gains_by_the_square_the_source_lacks():
+def test_forward_decrease_is_a_sum_of_squares():
     certificate, _ = read("forward")
     k1, k2, m, d, PXr, u, v, r = (symbol(n) for n in ("k1", "k2", "m", "d", "PXr", "u", "v", "r"))
     (term,) = certificate.proofs[FALLS].terms
     assert term.value() == k1 * (u - PXr / m) ** 2 + k2 * (v - d * r) ** 2 + PXr * d * r**2
 
 
-def test_with_the_sources_function_the_proof_needs_its_bound():
+def test_published_lyapunov_function_is_not_proved_for_all_gains():
     """lambda = 1 - kappa: the form is not positive for all gains, and of the source's own (table 6.2) it is not."""
     theorem = THEOREMS["hovercraft/forward"]()
     J, d, k2, PXr, r = (symbol(n) for n in ("J", "d", "k2", "PXr", "r"))
@@ -91,14 +91,14 @@ def test_with_the_sources_function_the_proof_needs_its_bound():
     assert np.linalg.eigvalsh(4.0 * np.array([[1, -0.32], [-0.32, (1 + kappa) * 0.1024]])).min() > 0
 
 
-def test_spin_has_two_limit_points_and_the_bad_one_is_the_threshold():
+def test_spin_has_two_limit_points_including_the_threshold():
     proof = lines(prove("spin"))
     assert proof[INVARIANT].number == 2
     assert "r = 0, u = 0, v = -d*ref; or r = ref, u = 0, v = 0" in proof[INVARIANT].why
     assert proof["W at the bad limit point is limit_point_value"].holds
 
 
-def test_the_gates_numbers():
+def test_spin_gate_energies_match_published_values():
     """eps = 0.220142 J and W_bad = 1.63008 J at 3 rad/s; the sharp eps is 1.74321 times as large."""
     theorem = THEOREMS["hovercraft/spin-gate"]()
     published, sharp = (next(iter(c.hypotheses.values())) for c in theorem.claims)
@@ -114,7 +114,7 @@ def test_the_gates_numbers():
 
 
 def mutate(law, FX=lambda f, s, law: f, FY=lambda f, s, law: f):
-    """A law whose demand is changed: by functions of it, the state and the law."""
+    """Return a law whose demand is changed by functions of the demand, the state and the law."""
 
     class Mutant:
         def __init__(self, **settings):
@@ -148,8 +148,8 @@ MUTANTS = {
 
 @pytest.mark.parametrize("change", MUTANTS)
 @pytest.mark.parametrize("name", LAWS)
-def test_a_law_with_a_mistake_is_not_proved(name, change, monkeypatch):
-    """Neither by the shipped certificate, nor by one that is made for it where it can be."""
+def test_mutated_law_is_not_proved(name, change, monkeypatch):
+    """The mutant is proved neither by the shipped certificate nor by a new one, where one can be designed."""
     monkeypatch.setattr(_theorems, LAWS[name].__name__, mutate(LAWS[name], **MUTANTS[change]))
     proof = prove(name)
     assert not proof.holds
@@ -168,19 +168,19 @@ def with_equilibrium(law, **point):
 
 @pytest.mark.parametrize("name", ["zero-velocity", "forward", "forward-matched", "reverse"])
 @pytest.mark.parametrize("state", ["surge_velocity", "sway_velocity", "yaw_rate"])
-def test_another_equilibrium_is_refused(name, state, monkeypatch):
+def test_wrong_equilibrium_is_not_proved(name, state, monkeypatch):
     monkeypatch.setattr(_theorems, LAWS[name].__name__, with_equilibrium(LAWS[name], **{state: constant(2)}))
     assert "the law's point of rest is an equilibrium" in fails(prove(name))
 
 
-def test_spins_limit_points_swapped_or_left_out():
+def test_wrong_spin_limit_points_are_not_proved():
     limits = THEOREMS["hovercraft/spin"]().limits
     for wrong in (limits[:1], limits[1:], (*limits, {n: constant(1) for n in "uvr"})):
         assert {"points of rest", INVARIANT} <= set(fails(prove("spin", limits=wrong)))
 
 
-def test_reverse_is_stable_above_its_bound_only(monkeypatch):
-    """theta = (1 - excess) J/(d^2 m), below the bound: the minors are not positive, and no region is looked for."""
+def test_reverse_is_proved_only_above_its_bound(monkeypatch):
+    """theta = (1 - excess) J/(d^2 m), below the bound: the minors are not positive, and no region is computed."""
 
     class Below(ReverseMomentum):
         def step(self, t, state, estimate):
@@ -198,8 +198,8 @@ def test_reverse_is_stable_above_its_bound_only(monkeypatch):
 
 @pytest.mark.parametrize("name", ["switching_energy", "limit_point_value", "lyapunov", "safe_reference_bound"])
 @pytest.mark.parametrize("theorem", ["spin-gate", "spin-reference"])
-def test_a_changed_threshold_is_refused(name, theorem, monkeypatch):
-    """Each threshold of the spin law is in the theorem that is about it; those that are not leave it as it was."""
+def test_changed_spin_threshold_is_not_proved(name, theorem, monkeypatch):
+    """Changing a threshold breaks exactly the theorems that are about it."""
     shipped = getattr(spin_laws, name)
     larger = -1 if name == "limit_point_value" else 1
     monkeypatch.setattr(_theorems, name, lambda *a: shipped(*a) * (1 + larger * 0.5))
@@ -208,7 +208,7 @@ def test_a_changed_threshold_is_refused(name, theorem, monkeypatch):
     assert prove(theorem).holds == (name not in about[theorem])
 
 
-def test_a_gate_a_little_wider_than_the_sharp_one_is_refused(monkeypatch):
+def test_gate_wider_than_the_sharp_one_is_not_proved(monkeypatch):
     shipped = spin_laws.switching_energy_sharp
     monkeypatch.setattr(_theorems, "switching_energy_sharp", lambda *a: shipped(*a) * (1 + 1e-6))
     assert "V < eps_sharp implies W < W_bad" in fails(prove("spin-gate"))
@@ -232,8 +232,8 @@ def rates(law):
 
 
 @pytest.mark.thorough
-def test_reverse_comes_to_rest_from_the_edge_of_its_region():
-    """The shipped law and vehicle in floats, from V = c: V falls all the way. And the region is of a useful size."""
+def test_reverse_converges_from_the_edge_of_its_region():
+    """The shipped law and vehicle in floats, from V = c: V always falls. The region has a useful size."""
     certificate, _ = read("reverse")
     point = {"u": symbol("u") - Fraction(99, 130)}
     V = certificate.lyapunov.substitute(point)
@@ -255,8 +255,8 @@ def test_reverse_comes_to_rest_from_the_edge_of_its_region():
     assert (extents > [4.5, 4.5, 9.0]).all()
 
 
-def test_beyond_it_the_function_grows_somewhere():
-    """The level is not far from the largest: at three times as much, -dV/dt is negative at some point."""
+def test_reverse_lyapunov_function_grows_outside_its_region():
+    """dV/dt is positive at some point with V below six times the proved level."""
     theorem = THEOREMS["hovercraft/reverse"]()
     certificate, _ = read("reverse")
     draws, fall = np.random.default_rng(6), -lie_derivative_of(certificate.lyapunov, theorem.field)
@@ -281,7 +281,7 @@ def test_a_claim_without_proof_is_not_proved():
 
 
 def fly_zero_velocity(start, ends):
-    """Seconds in which V of the shipped law and vehicle falls from a start with V = start J to each of the ends."""
+    """Return the times in which V of the shipped law and vehicle falls from V = start J to each of the ends."""
     law, model = ZeroVelocity(), Hovercraft()
     m, J, d, k1, k2 = (float(v) for v in (model.mass, model.inertia, model.arm, law.k1, law.k2))
 
@@ -300,8 +300,8 @@ def fly_zero_velocity(start, ends):
     ("changes", "ends"),
     [({}, (0.5, 0.2, 0.1)), ({"level": 0.2, "rate": 1.0, "slip_cross": 0.4, "turn_cross": 0.12}, (0.1, 0.05, 0.02446))],
 )
-def test_zero_velocity_takes_no_longer_than_proved(changes, ends):
-    """From random starts at the level; and the bound is of the order of the slowest, not of another."""
+def test_zero_velocity_settles_within_the_proved_time(changes, ends):
+    """From random starts at the level; the bound is within 15 times of the slowest run."""
     theorem = THEOREMS["hovercraft/zero-velocity-time"](**changes)
     pytest.importorskip("clarabel")
     assert prove_theorem(design_theorem(theorem), theorem).holds
@@ -316,7 +316,7 @@ def test_zero_velocity_takes_no_longer_than_proved(changes, ends):
     assert (bounds < 15 * slowest).all()
 
 
-def test_a_faster_rate_than_is_true_is_not_proved():
+def test_excessive_decay_rate_is_not_proved():
     pytest.importorskip("clarabel")
     theorem = THEOREMS["hovercraft/zero-velocity-time"](rate=2.0)
     assert "dW/dt <= -rate V^2" in fails(prove_theorem(design_theorem(theorem), theorem))
@@ -326,8 +326,8 @@ def test_a_faster_rate_than_is_true_is_not_proved():
 
 
 @pytest.mark.thorough
-def test_a_monitor_holds_a_flight_to_the_time_that_braking_may_take():
-    """21 s from 1 J to 0.2 J: kept in flight with all the faults; a hundredth of it is not."""
+def test_monitor_checks_the_proved_braking_time_in_flight():
+    """21 s from 1 J to 0.2 J: met in a flight with all imperfections; a hundredth of it is violated."""
     bound = settling_bound(THEOREMS["hovercraft/zero-velocity-time"](), 1.0, 0.2)
     assert 20 < bound < 21
     formulas = "; ".join(

@@ -1,6 +1,6 @@
-"""A circle, a figure eight and way-points on the whole loop: how near the craft stays to where it is wanted.
+"""A circle, a figure eight and way-points on the full loop: tracking errors.
 
-Bands are regression bands around what this package gave, over eight seeds.
+Bands are regression bands around results of this package, over eight seeds.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ BANDS = {"circle": (0.045, 0.15), "eight": (0.07, 0.45), "waypoints": (0.10, 0.2
 
 
 def place_errors(log):
-    """m, of the centre of percussion, in truth."""
+    """Return the true position errors of the centre of percussion (m)."""
     heading = log["truth.heading"]
     north = log["truth.north"] + A * np.cos(heading) - log["law.north_reference"]
     return np.hypot(north, log["truth.east"] + A * np.sin(heading) - log["law.east_reference"])
@@ -28,7 +28,7 @@ def place_errors(log):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("reference", BANDS)
-def test_it_follows(reference):
+def test_craft_tracks_each_reference(reference):
     scenario, _ = catalogue.load_scenario("hovercraft/track", {"reference": reference})
     ideal = simulate(scenario.ideal(), log_period=ms(20), signals=("truth", "law"))
     logs = simulate_many(scenario, seeds=range(8), log_period=ms(20), signals=("truth", "law"))
@@ -51,14 +51,14 @@ def test_target_is_the_distance_from_the_path(law):
 
 
 @pytest.mark.thorough
-def test_what_the_law_logs_is_the_true_error_where_it_knows_the_truth():
+def test_logged_position_error_is_true_on_the_ideal_twin():
     log = simulate(build("hovercraft/track").ideal(), duration=ms(3000), log_period=ms(100))
     np.testing.assert_allclose(log["law.position_error"], place_errors(log), atol=1e-6)
 
 
 @pytest.mark.thorough
-def test_along_the_path_it_waits_for_a_craft_that_starts_behind():
-    """From 1.5 m behind: in time it cuts across; along the path that waits, and so is behind the clock ever after."""
+def test_path_progress_waits_for_a_craft_starting_behind():
+    """From 1.5 m behind: by time the craft cuts across; along the path the reference waits and stays late."""
     settings = {"initial.east": "-1.6", "duration": "40 s"}
     progress = {}
     for kind in ("time", "path"):

@@ -1,4 +1,4 @@
-"""Chapter 7's upgrades: what each choice changes, what it leaves, and what the page says that it gains."""
+"""The upgrades of chapter 7: changed settings, unchanged settings, and documented gains."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def changed_paths(one, other):
 
 @pytest.mark.thorough("hovercraft/track")
 @pytest.mark.parametrize("name", HOVERCRAFT)
-def test_the_lighter_craft_is_believed_by_all_and_has_the_same_radius_of_gyration(name):
+def test_lighter_craft_is_modelled_everywhere_with_same_gyration_radius(name):
     own, lighter = build(name), build(name, {"craft": "lighter"})
     vehicle = lighter.world.vehicle
     assert float(vehicle.mass) == pytest.approx(2.6 - 0.5 * 0.45359237)
@@ -37,7 +37,7 @@ def test_the_lighter_craft_is_believed_by_all_and_has_the_same_radius_of_gyratio
 
 
 @pytest.mark.parametrize("name", ["forward", "reverse"])
-def test_the_lighter_craft_keeps_its_speed(name):
+def test_lighter_craft_keeps_its_reference_speed(name):
     own, lighter = build(f"hovercraft/{name}"), build(f"hovercraft/{name}", {"craft": "lighter"})
     one, other = (float(s.autopilot.law.reference) / float(s.autopilot.law.model.mass) for s in (own, lighter))
     assert other == pytest.approx(one)
@@ -46,7 +46,7 @@ def test_the_lighter_craft_keeps_its_speed(name):
 
 
 @pytest.mark.thorough
-def test_of_a_variable_pitch_the_thrust_turns_over_at_once_and_whole():
+def test_variable_pitch_fan_reverses_thrust_within_one_frame():
     scenario = build("hovercraft/forward", {"fan": "variable-pitch"})
     drive, allocation = scenario.world.actuators, scenario.autopilot.allocation
     for demand in (1.2, -1.2):
@@ -60,7 +60,7 @@ def test_of_a_variable_pitch_the_thrust_turns_over_at_once_and_whole():
         assert int(out.brakings) == 0
 
 
-def test_only_fan_and_allocation_change_with_the_fan_and_only_links_with_the_links():
+def test_fan_and_link_choices_change_only_their_own_settings():
     own = build("hovercraft/spin")
     fan = changed_paths(own, build("hovercraft/spin", {"fan": "variable-pitch"}))
     assert all(p.startswith(("world.actuators.", "autopilot.allocation.")) for p in fan)
@@ -69,14 +69,14 @@ def test_only_fan_and_allocation_change_with_the_fan_and_only_links_with_the_lin
 
 
 @pytest.mark.thorough
-def test_without_links_nothing_is_older_than_its_sample():
+def test_disabled_links_add_no_delay():
     log = simulate(build("hovercraft/spin", {"links": "none"}), seed=0, duration=seconds(1), log_period=ms(1))
     assert log["downlink.navigation.age"].max() == pytest.approx(0.005)
     assert log["uplink.age"].max() == 0
 
 
 @pytest.mark.thorough
-def test_what_the_page_says_of_the_gains():
+def test_upgrades_improve_flights_as_documented():
     """Medians of 40 flights: a fan without a brake stops the turn sooner; without links forward flight turns less."""
 
     def fly(name, option, signal):

@@ -45,8 +45,8 @@ def observer(linear, density):
 
 
 @pytest.mark.thorough
-def test_check_04_exact_linearisation(linear):
-    """[1] eqs. 4-8, by the quick way: A[4,:] = e_Q, B[4,:] = [-1/V, 0] to 1e-9, and the printed rows."""
+def test_exact_linearisation_matches_reference_matrices(linear):
+    """[1] eqs. 4-8: A[4,:] = e_Q, B[4,:] = [-1/V, 0] to 1e-9, and the printed rows."""
     assert linear.states == ("h", "h'", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
     assert linear.inputs == ("h''", "V'")
     np.testing.assert_allclose(linear.A[3], np.eye(9)[4], atol=1e-9)
@@ -60,7 +60,7 @@ def test_check_04_exact_linearisation(linear):
 
 
 @pytest.mark.thorough
-def test_reference_gain(linear):
+def test_feedback_gain_matches_the_reference(linear):
     """The oracle's gain and poles; and that feedback of the estimated modes is required."""
     K = [
         [0.0893010, 0.688045, -0.355907, 1742.964, 536.101, -0.581358, -0.140480, -1.351494, -0.363934],
@@ -77,7 +77,7 @@ def test_reference_gain(linear):
 
 
 @pytest.mark.thorough
-def test_robust_term_of_either_sign(linear):
+def test_robust_term_of_either_sign_shifts_the_poles(linear):
     """[1] eqs. 16-18: the published u_h makes K/2 of K, the minus sign 1.5 K."""
     K = hypersonic.feedback_gain(linear, strict=1.0).K
     for factor, rightmost in ((0.5, -0.125), (1.5, -0.236)):
@@ -86,7 +86,7 @@ def test_robust_term_of_either_sign(linear):
 
 
 @pytest.mark.thorough
-def test_integral_action_by_the_hamiltonian(linear):
+def test_integral_gain_matches_the_hamiltonian_solution(linear):
     """[1] eq. 13, 11 states: against P from the stable subspace of the scaled Hamiltonian matrix."""
     A, B = hypersonic.error_matrices(linear, integral=True)
     Qe, Re, d = hypersonic.weights(integral=True)
@@ -102,7 +102,7 @@ def test_integral_action_by_the_hamiltonian(linear):
     np.testing.assert_allclose(np.sort(found.poles.real), np.sort(values.real[values.real < 0]), rtol=1e-6)
 
 
-def test_check_09_the_inequality_and_its_weight(linear):
+def test_composite_inequality_holds_with_the_chosen_weight(linear):
     """[1] eqs. 14, 15: LQR leaves Q_e - Q to 1e-9 scaled; strict with Q = 1.01 Q_e; z for a weight."""
     Qe, _, _ = hypersonic.weights()
     for strict in (1.0, 1.01):
@@ -117,7 +117,7 @@ def test_check_09_the_inequality_and_its_weight(linear):
     assert np.linalg.eigvalsh(composite.weighted_matrix(f, o, 4.3) / np.outer(size, size))[0] > 0
 
 
-def test_least_weights(linear):
+def test_least_weights_match_reference_values(linear):
     """[1] eqs. 14, 15: lambda* for R_c = 10 and 5e-7, with the reference gain and with Q = 1.01 Q_e; weight 1 fails."""
     for strict, density, want in ((1, 10.0, 4.22), (1, 5e-7, 2.78), (1.01, 10.0, 4.25), (1.01, 5e-7, 2.80)):
         f, o = feedback(linear, strict), observer(linear, density)
@@ -128,7 +128,7 @@ def test_least_weights(linear):
             assert (np.linalg.eigvalsh(z)[0] > 0) == holds
 
 
-def test_least_weights_of_the_decrease(linear):
+def test_least_decrease_weights_depend_on_the_robust_term(linear):
     """lambda*/2 is exact with the published u_h; 2 lambda* and 4.5 lambda* suffice without and with minus."""
     f, o = feedback(linear), observer(linear, 10.0)
     least = composite.least_weight(f, o)
@@ -137,7 +137,7 @@ def test_least_weights_of_the_decrease(linear):
     assert composite.least_decrease_weight(f, o, -0.5) < 4.5 * least
 
 
-def test_printed_form_holds_where_weight_1_fails(linear):
+def test_printed_inequality_holds_where_unit_weight_fails(linear):
     """[1] eqs. 14, 15: the printed (15) on the flexible block is satisfied, so it proves nothing.
 
     Its largest eigenvalues: -1.17e-3 and -1.75e-3 with these two filters.
@@ -149,7 +149,7 @@ def test_printed_form_holds_where_weight_1_fails(linear):
 
 
 @pytest.mark.thorough
-def test_modes_are_a_block_of_the_errors_and_observable(linear):
+def test_modal_error_block_matches_the_dynamics_and_is_observable(linear):
     """[1] eq. 9: A_eta, C, poles, rank 4."""
     system = hypersonic.certified_system()
     A, C = system.A_eta, system.C
@@ -164,7 +164,7 @@ def test_modes_are_a_block_of_the_errors_and_observable(linear):
     "settings", [{}, {"method": "lmi", "filter": "accurate", "mode_error": 0.0}, {"integral": "true"}]
 )
 def test_certificates_are_proved_exactly(settings):
-    """[1] eqs. 14, 15 by exact arithmetic from the file; 4 and 5 computed anew."""
+    """[1] eqs. 14, 15 by exact arithmetic from the file; 4 and 5 are recomputed."""
     text = certificate_json(hypersonic.certificate(**settings))
     certificate, written = parse_certificate(text, "file")
     proof = prove_certificate(certificate, hypersonic.certified_system(**settings), written)
@@ -178,8 +178,8 @@ def test_certificates_are_proved_exactly(settings):
 
 
 @pytest.mark.thorough
-def test_a_certificate_for_whole_numbers_of_altitude_and_speed_is_that_for_the_same_floats():
-    """h_ft=90000 as Python or JSON has it, not 90000.0."""
+def test_integer_and_float_flight_conditions_give_equal_certificates():
+    """h_ft=90000 as an integer of Python or JSON, not 90000.0."""
     whole, real = ({"filter": "none", "h_ft": h, "V_ft_per_s": V} for h, V in ((90_000, 8_000), (90e3, 8e3)))
     certificate = hypersonic.certificate(**whole)
     assert np.array_equal(certificate.K, hypersonic.certificate(**real).K)
@@ -192,7 +192,7 @@ def test_a_certificate_for_whole_numbers_of_altitude_and_speed_is_that_for_the_s
 
 
 @pytest.mark.thorough
-def test_weight_is_proved_at_1_01_and_refused_below(linear):
+def test_weight_below_the_least_is_not_proved(linear):
     """[1] eq. 15, with the filter as printed."""
     made = hypersonic.certificate(filter="printed")
     o = made.observer
@@ -204,8 +204,8 @@ def test_weight_is_proved_at_1_01_and_refused_below(linear):
 
 
 @pytest.mark.thorough
-def test_numbers_of_an_uncertain_plant_over_the_envelope(linear, monkeypatch):
-    """kappa_G by hand for mass alone, 1/0.98 - 1; rho0 and rho1 against a loop over points."""
+def test_uncertainty_bounds_over_the_envelope_match_analysis(linear, monkeypatch):
+    """kappa_G is 1/0.98 - 1 for mass alone; without parameter errors all bounds vanish."""
     K = hypersonic.feedback_gain(linear).K
     nominal = hypersonic.envelope_numbers(Hypersonic(), K, 0.0)
     assert nominal["kappa_G"].value < 1e-15  # no parameter error
@@ -219,7 +219,7 @@ def test_numbers_of_an_uncertain_plant_over_the_envelope(linear, monkeypatch):
 
 
 @pytest.mark.thorough
-def test_bounds_of_the_uncertainty_hold_for_any_plant_inside_and_are_reached(linear):
+def test_uncertainty_bounds_hold_and_are_tight_for_random_plants(linear):
     """|M_F| <= rho0 + rho1 |e/scale| at random points, errors and plants of the box; the scenario's own plant too."""
     K, craft, rng = hypersonic.feedback_gain(linear).K, Hypersonic(), np.random.default_rng(0)
     numbers = hypersonic.envelope_numbers(craft, K, 1.0)
@@ -238,20 +238,20 @@ def test_bounds_of_the_uncertainty_hold_for_any_plant_inside_and_are_reached(lin
 
 
 def left_by_inversion(plant, at, v):
-    """What the plant's (h'', V') differ from v that the law asked of the vehicle it believes in."""
+    """Return the difference of the plant's (h'', V') from v, which the law demands of its assumed vehicle."""
     h, V, alpha, gamma = at
     u = invert_path(Hypersonic(), h, V * jnp.sin(gamma), V, alpha, v[0], v[1]).u
     x = HypersonicState(h, V, alpha, alpha + gamma, 0.0, 0.0, 0.0, 0.0, 0.0)
     return hypersonic.accelerations(plant, x, jnp.stack([u.Phi, u.delta_e])) - v
 
 
-def test_the_declared_uncertainty_has_the_scenario_s_plant_at_a_corner():
+def test_scenario_plant_is_a_corner_of_the_uncertainty_box():
     flown, corner = off_nominal_plant(), hypersonic.uncertain_plant(Hypersonic(), (1.0, 1.0, -1.0, 1.0, -1.0))
     np.testing.assert_allclose(jax.tree.leaves(corner), jax.tree.leaves(flown), rtol=1e-15)
 
 
 @pytest.mark.thorough
-def test_what_is_not_offered_is_refused(linear):
+def test_rejects_unknown_design_options(linear):
     with pytest.raises(InputError, match="'magic'"):
         hypersonic.feedback_gain(linear, method="magic")
     for name, value in {"method": "magic", "filter": "best", "integral": "yes", "kmode": "mine"}.items():
@@ -263,7 +263,7 @@ def test_what_is_not_offered_is_refused(linear):
 
 
 @pytest.mark.thorough
-def test_the_certified_gain_is_the_one_that_flies():
+def test_certified_gain_equals_the_flown_gain():
     linear, _ = hypersonic.error_model()
     np.testing.assert_allclose(hypersonic.feedback_gain(linear).K, np.array(K_FLOWN), rtol=5e-6)
     np.testing.assert_allclose(np.array(hypersonic.certificate().K, float), np.array(K_FLOWN), rtol=5e-6)

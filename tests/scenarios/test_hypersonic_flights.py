@@ -1,4 +1,4 @@
-"""The hypersonic vehicle's flights: what is demanded of them."""
+"""Requirements on the hypersonic vehicle's flights."""
 
 import math
 
@@ -65,7 +65,7 @@ def rms(x):
 
 
 @pytest.mark.thorough
-def test_check_11_large_climb_nominal(flights):
+def test_nominal_large_climb_tracks_without_saturation(flights):
     """+5000 ft, +1000 ft/s, 200 s: no saturation; rms after 20 s below 0.05 ft and 0.01 ft/s."""
     assert rms(flights.rows("law.h_error", 0.0, 1.0)) < 0.05
     assert rms(flights.rows("law.V_error", 0.0, 1.0)) < 0.01
@@ -74,7 +74,7 @@ def test_check_11_large_climb_nominal(flights):
 
 
 @pytest.mark.thorough
-def test_noise_leaves_the_climb_within_half_a_tenth_of_a_foot_in_each_of_20_seeds(flights):
+def test_noisy_climb_error_stays_below_its_bound(flights):
     """Better than 0.05 ft rms with 0.01 rad/s^2 over 20 seeds.
 
     Bounds are what is measured, 0.0146 ft and 0.0010 ft/s, rounded up.
@@ -88,7 +88,7 @@ def test_noise_leaves_the_climb_within_half_a_tenth_of_a_foot_in_each_of_20_seed
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("factor", [0.9, 1.1])
-def test_frequencies_ten_percent_off_leave_every_seed_inside_the_envelope(flights, factor):
+def test_mode_frequencies_10_percent_off_stay_inside_the_envelope(flights, factor):
     """Required of the shipped setting, with noise: h rms 0.008-0.027 ft, as without mismatch.
 
     Bounds are what is measured, 0.0146 ft and 0.64, rounded up: mode 1 is estimated worse than with equal noise (0.37),
@@ -105,8 +105,8 @@ def test_frequencies_ten_percent_off_leave_every_seed_inside_the_envelope(flight
 
 
 @pytest.mark.thorough
-def test_elevator_moves_less_than_a_third_of_a_degree_for_the_noise(flights):
-    """The issue: below 0.3 deg rms. What noise adds is told by the same climb without it."""
+def test_noise_moves_the_elevator_below_a_third_degree(flights):
+    """Requirement: below 0.3 deg rms. The effect of noise is the difference from the same climb without it."""
     moved = flights.rows("actuators.u.delta_e", 0.01, 1.0) - flights.rows("actuators.u.delta_e", 0.0, 1.0)
     activity = np.rad2deg(rms(moved))
     print(f"elevator {activity.min():.3f} to {activity.max():.3f} deg rms")
@@ -114,7 +114,7 @@ def test_elevator_moves_less_than_a_third_of_a_degree_for_the_noise(flights):
 
 
 @pytest.mark.thorough
-def test_check_10_only_the_nonlinear_internal_motion_leaves_no_steady_error():
+def test_only_nonlinear_internal_motion_leaves_no_steady_error():
     """Steady h error below 0.01 ft with the nonlinear internal motion, above 5 ft with the linear."""
     ends = {}
     for form in ("noncausal", "linear"):
@@ -127,7 +127,7 @@ def test_check_10_only_the_nonlinear_internal_motion_leaves_no_steady_error():
 
 
 @pytest.mark.thorough
-def test_printed_settings_lose_a_plant_whose_modes_are_two_percent_off():
+def test_printed_filter_fails_with_modes_two_percent_off():
     """With the printed Q and R 2 % already drives a saturated oscillation, h rms 1e2-4e2 ft; here 431 ft."""
     scenario, _ = catalogue.load_scenario(
         "hypersonic/modal-mismatch", {"filter": "printed", "frequency": "1.02", "integral": "off"}
@@ -140,7 +140,7 @@ def test_printed_settings_lose_a_plant_whose_modes_are_two_percent_off():
 
 
 @pytest.mark.thorough
-def test_a_table_of_another_climb_or_vehicle_is_refused():
+def test_rejects_a_table_of_another_climb_or_vehicle():
     scenario, _ = catalogue.load_scenario("hypersonic/climb-small")
     law = scenario.autopilot.law
     with pytest.raises(InputError, match="another command or vehicle"):
@@ -151,8 +151,8 @@ def test_a_table_of_another_climb_or_vehicle_is_refused():
 
 
 @pytest.mark.thorough
-def test_a_climb_that_the_engine_cannot_fly_is_refused_before_it_flies():
-    """The issue: commands that saturate the engine are refused with the number that broke it."""
+def test_rejects_a_climb_beyond_the_engine_before_the_run():
+    """Requirement: commands that saturate the engine are rejected with the violated limit."""
     climb = FilteredClimb(dh=1000.0, dV=200.0, wh=0.5, wV=0.5)
     with pytest.raises(InputError, match=r"at \d+\.?\d* s needs fuel ratio 1\.\d+, limits are 0\.02 and 1\.5"):
         hypersonic_scenario("mine", climb, 60.0).check()
@@ -162,8 +162,8 @@ def test_a_climb_that_the_engine_cannot_fly_is_refused_before_it_flies():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("integral", ["on", "off"])
-def test_the_assumed_vehicle_is_used_by_gain_filter_law_and_table(integral):
-    """A vehicle 10 % heavier, used by all parts, is flown like the nominal one; used by none it is not."""
+def test_gain_filter_law_and_table_use_the_assumed_vehicle(integral):
+    """A 10 % heavier vehicle is tracked like the nominal one only if all parts assume it."""
     heavy = replace(Hypersonic(), m=330.0)
     climb = FilteredClimb(dh=500.0, dV=100.0)
     apart, alike = (
@@ -179,7 +179,7 @@ def test_the_assumed_vehicle_is_used_by_gain_filter_law_and_table(integral):
 
 
 @pytest.mark.thorough
-def test_a_run_that_outlasts_its_table_is_refused():
+def test_rejects_a_run_longer_than_its_table():
     scenario, _ = catalogue.load_scenario("hypersonic/climb-small")
     with pytest.raises(
         InputError, match=r"autopilot\.law\.internal.*ends at 150 s, before the end of the run at 200 s"
@@ -188,8 +188,8 @@ def test_a_run_that_outlasts_its_table_is_refused():
 
 
 @pytest.mark.thorough
-def test_modes_are_fed_back_at_the_frequency_that_is_estimated():
-    """What a load does to a mode goes with 1/w^2; an estimate of w scales what is wanted of it."""
+def test_mode_references_scale_with_the_estimated_frequency():
+    """The static deflection of a mode scales with 1/w^2, so its reference scales with the estimate of w."""
     scenario, _ = catalogue.load_scenario("hypersonic/modal-mismatch", {"filter": "adaptive", "frequency": "1.10"})
     log = simulate(scenario, seed=1, log_period=ms(100))
     late = log.t > 60

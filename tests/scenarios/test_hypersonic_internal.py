@@ -1,4 +1,4 @@
-"""The bounded internal states of the hypersonic vehicle along the large climb: numbers, ends, residual, refusals.
+"""The bounded internal states of the hypersonic vehicle along the large climb: values, ends, residual, errors.
 
 [1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
@@ -19,14 +19,14 @@ from trimtab.vehicles.hypersonic_aerodynamics import FlexibleModes
 DEG = np.pi / 180
 
 
-def test_check_02_trim_of_the_builder():
-    """Oracle, trim, for the quick search used here."""
+def test_level_trim_matches_reference_values():
+    """Oracle, trim, for the search used here."""
     at = level_trim(CRAFT, H0, V0)
     got = [at.zeta[0] / DEG, at.u.Phi, at.u.delta_e / DEG, at.zeta[2], at.zeta[4]]
     np.testing.assert_allclose(got, [1.596784, 0.264449, 12.427146, 0.903851, 0.755137], rtol=1e-5)
 
 
-def test_linearisation_of_the_internal_dynamics():
+def test_internal_linearisation_matches_reference_rows():
     """The oracle's rows of A and B for alpha and Q."""
     linear = internal_linear(CRAFT, level_trim(CRAFT, H0, V0))
     A = np.concatenate([linear.A21, linear.A22], axis=1)
@@ -37,7 +37,7 @@ def test_linearisation_of_the_internal_dynamics():
 
 
 @pytest.mark.thorough
-def test_check_10_reference_values():
+def test_noncausal_solution_matches_reference_values():
     """[1] eq. 7: at 30 s of +5000 ft, +1000 ft/s, the oracle's, to its digits."""
     table, report, _ = noncausal()
     at = CLIMB.at(30.0)
@@ -49,7 +49,7 @@ def test_check_10_reference_values():
 
 
 @pytest.mark.thorough
-def test_check_10_residual_and_ends():
+def test_noncausal_solution_has_small_residual_and_trim_ends():
     """[1] eq. 7: below 1e-5 per unit scale, and 4e-6 in each component; ends are the trims."""
     _, report, _ = noncausal()
     assert report.residual < 1e-5
@@ -60,8 +60,8 @@ def test_check_10_residual_and_ends():
 
 
 @pytest.mark.thorough
-def test_check_10_the_right_end_is_its_trim_once_the_climb_is_over():
-    """A small quick climb, whose command has arrived."""
+def test_right_end_is_the_trim_after_the_climb():
+    """A small quick climb, whose command has reached its end."""
     table, report = noncausal_table(CRAFT, FilteredClimb(dh=200.0, dV=40.0, wh=0.25, wV=0.25), 150.0, dt=0.01)
     assert report.right < 1e-8
     end = level_trim(CRAFT, H0 + 200, V0 + 40).zeta
@@ -69,7 +69,7 @@ def test_check_10_the_right_end_is_its_trim_once_the_climb_is_over():
 
 
 @pytest.mark.thorough
-def test_successive_changes():
+def test_iteration_changes_shrink_tenfold():
     """[1] eq. 7: 5 to 7 iterations, the first of 3e-2, each at least ten times smaller than the one before."""
     changes = np.array(noncausal()[1].solution.changes)
     assert 5 <= len(changes) <= 7
@@ -78,8 +78,8 @@ def test_successive_changes():
     assert changes[-1] < 1e-10
 
 
-def test_it_moves_before_the_command_does():
-    """Noncausal: half a second before the step alpha has begun, by more with each tenth, as e^(3.289 t)."""
+def test_noncausal_solution_moves_before_the_command():
+    """Noncausal: alpha moves before the step and grows as e^(3.289 t)."""
     zeta = noncausal()[1].solution.zeta
     early = np.abs(zeta[[800, 850, 900, 950], 0] - zeta[0, 0])
     assert CLIMB.at(4.99).h == H0
@@ -87,7 +87,7 @@ def test_it_moves_before_the_command_does():
 
 
 @pytest.mark.thorough
-def test_forward_integration_goes_away():
+def test_forward_integration_diverges_at_the_unstable_rate():
     """[1] eqs. 4-8: the exact internal dynamics integrated forward from the exact start leave at e^(3.289 t)."""
     report = noncausal()[1]
     wanted = CLIMB.at(DT / 2 * np.arange(4001))
@@ -115,7 +115,7 @@ def test_forward_integration_goes_away():
 
 
 @pytest.mark.thorough
-def test_nodes_a_tenth_apart_keep_the_solution():
+def test_table_nodes_interpolate_the_solution_accurately():
     """Largest error between nodes, in scales: 2.7e-7, a tenth of it in alpha; half the spacing: a sixteenth."""
     _, report, _ = noncausal()
     assert report.interpolation.max() < 3e-7
@@ -125,7 +125,7 @@ def test_nodes_a_tenth_apart_keep_the_solution():
     assert 10 < coarse / fine < 22
 
 
-def test_linear_and_exact_are_the_same_for_a_small_climb_only():
+def test_linear_solution_differs_from_exact_for_large_climb():
     """[1] eq. 7: about the trim."""
     big = np.abs(noncausal()[1].solution.zeta - linear()[1].solution.zeta) / SCALES
     assert 0.03 < big[:, 0].max() < 0.08
@@ -134,7 +134,7 @@ def test_linear_and_exact_are_the_same_for_a_small_climb_only():
 
 
 @pytest.mark.thorough
-def test_other_readings_of_the_coupling_work_too():
+def test_other_coupling_readings_give_bounded_solutions():
     for kmode in ("paper", "author"):
         craft = replace(CRAFT, modes=FlexibleModes(kmode=kmode))
         _, report = noncausal_table(craft, FilteredClimb(dh=500.0, dV=50.0), 12.0)
@@ -154,14 +154,14 @@ def test_other_readings_of_the_coupling_work_too():
         (FilteredClimb(V0=3000.0), {}, "level trim at 85000 ft, 3000 ft/s: no trim was found"),
     ],
 )
-def test_wrong_input_is_refused(climb, settings, text):
+def test_rejects_invalid_table_inputs(climb, settings, text):
     with pytest.raises(InputError, match=text):
         noncausal_table(CRAFT, climb, **{"seconds": 10.0, **settings})
 
 
 @pytest.mark.thorough
-def test_a_climb_to_where_no_trim_is_is_refused():
-    """By the end of a long table the speed is too low to fly level; the reason names the bounds."""
+def test_rejects_a_climb_without_a_final_trim():
+    """At the end of a long table the speed is too low for level flight; the error names the bounds."""
     slowing = FilteredClimb(dV=-4500.0, wV=2.0)
     with pytest.raises(InputError, match=r"3202.08 ft/s: no trim was found: not satisfied: .*; at a bound: .*delta_e"):
         noncausal_table(CRAFT, slowing, 20.0)

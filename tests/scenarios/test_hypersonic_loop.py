@@ -1,4 +1,4 @@
-"""The hypersonic vehicle's loop as matrices, and what is proved of it."""
+"""The hypersonic vehicle's loop as matrices, and its proofs."""
 
 import itertools
 
@@ -35,7 +35,7 @@ def proved(certificate, **settings):
 
 
 @pytest.mark.thorough
-def test_the_loop_s_poles_are_those_of_gain_and_filter(certificate, at):
+def test_loop_poles_are_those_of_gain_and_filter(certificate, at):
     """Separation, for the model itself: the thirteen poles of the whole loop are those of A + B K and A_eta - L C."""
     A = loop.continuous_loop(CRAFT, CRAFT, certificate.K, certificate.observer.L, at)
     wanted = np.concatenate([certificate.poles, certificate.observer.poles])
@@ -44,8 +44,8 @@ def test_the_loop_s_poles_are_those_of_gain_and_filter(certificate, at):
 
 
 @pytest.mark.thorough
-def test_the_sampled_loop_comes_to_the_continuous_one(certificate, at):
-    """Its poles are exp(s T) of A + B K's, but for what holding an input delays: half of it with half the period."""
+def test_sampled_loop_converges_to_the_continuous_loop(certificate, at):
+    """The poles are exp(s T) of those of A + B K up to the hold's delay, which halves with the period."""
 
     def apart(period):
         F, N = loop.sampled_loop(CRAFT, FlexibleModeFilter(R=5e-7 / (period * 1e-7), period=period), certificate.K, at)
@@ -60,8 +60,8 @@ def test_the_sampled_loop_comes_to_the_continuous_one(certificate, at):
 
 
 @pytest.mark.thorough
-def test_vertices_hold_the_whole_box(certificate, at):
-    """The loop is affine in each coefficient by itself: at random inside, it is the mean of the corners, weighted."""
+def test_loop_matrix_is_a_convex_combination_of_vertices(certificate, at):
+    """The loop is affine in each coefficient: inside the box it is the weighted mean of the corners."""
     parts = np.random.default_rng(0).uniform(-1, 1, 5)
     L = certificate.observer.L
 
@@ -80,8 +80,8 @@ def test_vertices_hold_the_whole_box(certificate, at):
     assert np.abs(apart).max() < 1e-9 * np.abs(mean * size / size[:, None]).max()
 
 
-def test_boxes_of_modes_cover_their_range():
-    """Edges of neighbours meet, the outermost are the range's ends, and 2 zeta w is at its ends in every one."""
+def test_modal_boxes_cover_their_range():
+    """Neighbouring boxes share edges, the outermost reach the range's ends, and each has both ends of 2 zeta w."""
     boxes = list(certified._modal_boxes(CRAFT, 0.03))
     assert len(boxes) == 9
     w = np.array([[[p.modes.w1, p.modes.w2] for p in box] for box in boxes]) / [CRAFT.modes.w1, CRAFT.modes.w2]
@@ -95,7 +95,7 @@ def test_boxes_of_modes_cover_their_range():
 
 
 @pytest.mark.thorough
-def test_what_is_proved_of_the_shipped_loop(certificate):
+def test_shipped_loop_conditions_are_all_proved(certificate):
     lines = proved(certificate)
     assert all(line.holds for line in lines.values()), lines
     sampled = lines["the sampled loop decays"]
@@ -108,8 +108,8 @@ def test_what_is_proved_of_the_shipped_loop(certificate):
 
 
 @pytest.mark.thorough
-def test_integral_action_is_part_of_the_loop(at):
-    """As the scenarios fly it: 22 and 15 states; poles of the whole are again those of gain and filter."""
+def test_loop_includes_integral_action(at):
+    """As in the scenarios: 22 and 15 states; the poles of the loop are those of gain and filter."""
     c = hypersonic.certificate(integral="true")
     A = loop.continuous_loop(CRAFT, CRAFT, c.K, c.observer.L, at)
     wanted = np.concatenate([c.poles, c.observer.poles])
@@ -125,8 +125,8 @@ def test_integral_action_is_part_of_the_loop(at):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("filter", ["accurate", "printed"])
-def test_filters_that_modes_1_percent_off_defeat_are_not_proved(filter):
-    """They lose the vehicle, as flights do; the sampled loop of the exact model decays with each."""
+def test_fragile_filters_are_not_proved_for_1_percent_mode_error(filter):
+    """With these filters the vehicle is lost, as in flights; the sampled loop of the exact model still decays."""
     settings = {"filter": filter, "mode_error": 0.01}
     lines = proved(hypersonic.certificate(**settings), **settings)
     assert lines["the sampled loop decays"].holds
@@ -136,7 +136,7 @@ def test_filters_that_modes_1_percent_off_defeat_are_not_proved(filter):
 
 
 @pytest.mark.thorough
-def test_the_shipped_filter_s_box_reaches_5_percent(certificate):
+def test_shipped_filter_is_proved_for_5_percent_mode_error(certificate):
     lines = proved(certificate, mode_error=0.05)
     assert lines["every plant of the modes' box decays"].holds
     lines = proved(certificate, mode_error=0.2)
@@ -153,14 +153,14 @@ def test_the_shipped_filter_s_box_reaches_5_percent(certificate):
         (lambda c: c._replace(P=-c.P), "inside a level of V no input saturates"),
     ],
 )
-def test_each_line_of_the_loop_is_broken_by_its_own_change(certificate, change, line):
+def test_each_proof_condition_fails_for_its_mutation(certificate, change, line):
     condition = proved(change(certificate))[line]
     assert not condition.holds
     assert condition.why
 
 
 @pytest.mark.thorough
-def test_flights_from_the_level_s_edge_keep_the_inputs_and_come_home(certificate, at):
+def test_flights_from_the_proved_level_converge_without_saturation(certificate, at):
     """The vehicle itself, not its linear model, from 40 points where V is the proved level: no input reaches a limit,
     and V falls below a hundredth in 15 s."""
     line = proved(certificate)["inside a level of V no input saturates"]
@@ -180,7 +180,7 @@ def test_flights_from_the_level_s_edge_keep_the_inputs_and_come_home(certificate
         return jnp.concatenate([jnp.stack([x[0], h_rate, x[1], x[2], x[4]]), x[5:9], z[5:9] - z[9:13]])
 
     def states(e):
-        """theta from h' = V sin gamma; the estimate from its error."""
+        """Return the states: theta from h' = V sin gamma, the estimate from its error."""
         theta = at.zeta[0] + e[3] + jnp.arcsin(e[1] / (at.V + e[2]))
         flight = jnp.stack([at.h + e[0], at.V + e[2], at.zeta[0] + e[3], theta, e[4]])
         return jnp.concatenate([flight, rest[5:9] + e[5:9], rest[5:9] + e[5:9] - e[9:]])
@@ -208,7 +208,7 @@ def test_flights_from_the_level_s_edge_keep_the_inputs_and_come_home(certificate
 
 
 @pytest.mark.thorough
-def test_the_plant_may_be_another(at, certificate):
+def test_loop_matrix_depends_on_the_plant(at, certificate):
     heavy = replace(Hypersonic(), m=330.0)
     A = loop.continuous_loop(heavy, CRAFT, certificate.K, certificate.observer.L, at)
     assert not np.allclose(A, loop.continuous_loop(CRAFT, CRAFT, certificate.K, certificate.observer.L, at))

@@ -1,4 +1,4 @@
-"""Every figure of docs/scenarios-hypersonic.md but those of the board: flown, printed, and found on the page."""
+"""Every figure of docs/scenarios-hypersonic.md except those of the board, recomputed and found on the page."""
 
 from functools import cache
 from pathlib import Path
@@ -24,14 +24,14 @@ STRUCK = 20.0
 
 
 def says(text):
-    """Print a statement, and find it on the page."""
+    """Print a statement and assert that the page contains it."""
     print(text)
     assert " ".join(text.split()) in " ".join(PAGE.read_text(encoding="utf-8").split())
 
 
 @cache
 def flown(name, **choices):
-    """One flight, seed 0, every 50 ms."""
+    """Return one flight, seed 0, every 50 ms."""
     scenario, rest = catalogue.load_scenario(f"hypersonic/{name}", choices)
     assert not rest
     return simulate(scenario, seed=0, log_period=ms(50))
@@ -42,12 +42,12 @@ def rms(x):
 
 
 def errors(log):
-    """Of altitude (ft) and speed (ft/s), rms after 20 s."""
+    """Return the rms errors of altitude (ft) and speed (ft/s) after 20 s."""
     late = log.t > 20
     return rms(log["law.h_error"][late]), rms(log["law.V_error"][late])
 
 
-def test_climbs():
+def test_climb_errors_match_the_page():
     for name, change, digits in (
         ("climb-small", "+1 000 ft, +200 ft/s", 4),
         ("climb-large", "+5 000 ft, +1 000 ft/s", 3),
@@ -58,7 +58,7 @@ def test_climbs():
 
 @cache
 def batch(filter):
-    """20 seeds with noise of the large climb, and one without: errors of h, of V, elevator (deg), by run."""
+    """Return errors of h and V and the elevator (deg) of the large climb: 20 seeds with noise, then one without."""
     scenario, _ = catalogue.load_scenario("hypersonic/noise", {"filter": filter})
     spread = {NOISE: np.array([0.01] * len(SEEDS) + [0.0])}
     signals = ("law.h_error", "law.V_error", "actuators.u.delta_e")
@@ -69,12 +69,12 @@ def batch(filter):
 
 
 def moved(elevator):
-    """What noise adds in each of the seeds: rms of the difference from the climb without it, (smallest, largest)."""
+    """Return the smallest and largest rms over seeds of the difference from the climb without noise."""
     added = rms(elevator[:-1] - elevator[-1])
     return np.rad2deg(added.min()), np.rad2deg(added.max())
 
 
-def test_noise():
+def test_noise_figures_match_the_page():
     h, V, elevator = batch("tuned")
     h, V = rms(h[:-1]), rms(V[:-1])
     says(f"| h: {h.min():.3f} to {h.max():.3f}; V: at most {V.max():.4f} (20 seeds) |")
@@ -87,12 +87,12 @@ def test_noise():
     says(f"An altitude error of {h.min():.2f} to {h.max():.2f} ft rms remains ({without:.2f} ft without noise)")
 
 
-def test_no_measurement_tracks_best_with_an_exact_model():
+def test_tracking_error_without_mode_filter_matches_the_page():
     h, _ = errors(flown("noise", filter="none"))
     says(f"tracks as well as `tuned` ({h:.3f} ft under noise")
 
 
-def test_frequencies_off():
+def test_frequency_mismatch_table_matches_the_page():
     rows = {
         f: [errors(flown("modal-mismatch", filter=f, frequency=q))[0] for q in ("0.90", "1.10")]
         for f in ("tuned", "adaptive")
@@ -107,7 +107,7 @@ def test_frequencies_off():
     says("| `accurate`, `printed`, `none` | vehicle lost | vehicle lost |")
 
 
-def test_frequencies_off_over_seeds():
+def test_frequency_mismatch_over_seeds_matches_the_page():
     found = []
     for q in ("0.90", "1.10"):
         scenario, _ = catalogue.load_scenario("hypersonic/modal-mismatch", {"frequency": q})
@@ -117,7 +117,7 @@ def test_frequencies_off_over_seeds():
     says(f"noise | h: {np.min(found):.3f} to {np.max(found):.3f} for either sign (20 seeds) |")
 
 
-def test_remedies_of_a_wrong_model():
+def test_model_mismatch_remedies_match_the_page():
     def of(**choices):
         h, V = errors(flown("mismatch", **{"integral": "off"} | choices))
         return h, V
@@ -133,7 +133,7 @@ def test_remedies_of_a_wrong_model():
     says(f"With integrals, the altitude error at the end of the flight is {end:.2f} ft.")
 
 
-def test_impulses_and_steps():
+def test_impulse_and_step_gust_figures_match_the_page():
     peaks, gone = [], []
     for kind in ("moment", "normal-force"):
         log = flown("impulse", kind=kind)
@@ -145,7 +145,7 @@ def test_impulses_and_steps():
     says(f"peak {peaks[0]:.1f} ft ({peaks[1]:.0f} ft), below 1 ft after {gone[0]:.0f} s ({gone[1]:.0f} s)")
 
 
-def test_internal_motion():
+def test_internal_motion_figures_match_the_page():
     linear, table = flown("climb-large", internal="linear", integral="off"), flown("climb-large")
     h, end = errors(linear)[0], abs(linear["law.h_error"][-1])
     says(f"| `linear` | `off` | {h:.1f} ft rms, {end:.1f} ft at the end |")

@@ -1,4 +1,4 @@
-"""The less kind truth: what is in it, that it is off by default, and that each of it can be switched off."""
+"""The choice `truth=plane`: its imperfections, off by default, and each can be disabled."""
 
 import numpy as np
 import pytest
@@ -15,14 +15,14 @@ PARTS = ("noise", "offset", "scale-factor", "bandwidth", "delay", "place")
 
 
 @pytest.mark.thorough
-def test_the_paper_has_none_of_it():
+def test_default_truth_has_no_plane_imperfections():
     world = build("hypersonic/noise").world
     assert world.turbulence is None
     assert not set(NAMES) & set(build("hypersonic/noise").imperfections())
 
 
 @pytest.mark.thorough
-def test_it_is_a_choice_and_each_of_it_can_be_switched_off():
+def test_plane_truth_imperfections_can_each_be_disabled():
     plane = build("hypersonic/noise", {"truth": "plane"})
     assert isinstance(plane.world.turbulence, Turbulence)
     assert {*NAMES, *(f"angular-accelerometer-{n}" for n in PARTS)} <= set(plane.imperfections())
@@ -31,8 +31,8 @@ def test_it_is_a_choice_and_each_of_it_can_be_switched_off():
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_servos_and_air_are_in_the_flight():
-    """The elevator lags by what a servo of 100 rad/s does, 2 z/w, and the air is as rough as the specification says."""
+def test_plane_flight_has_servo_lag_and_turbulence():
+    """The elevator lags like a servo of 100 rad/s, by 2 z/w, and the turbulence is as specified."""
     log = simulate(scenario(truth="plane"), duration=seconds(20))
     asked, done = log["law.demand.delta_e"], log["actuators.u.delta_e"]
     lag = np.array([np.std(done[k:] - asked[: len(asked) - k]) for k in range(60)])

@@ -1,4 +1,4 @@
-"""The figure of eight in the air: what it navigates by, how well, and what the outage does to each kind of aiding."""
+"""The aerial figure of eight: navigation accuracy, and the effect of the outage on each kind of aiding."""
 
 import jax
 import numpy as np
@@ -33,8 +33,8 @@ def errors(log):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("gnss", ["fixes", "ranges"])
-def test_it_knows_where_it_is_and_how_well(logs, gnss):
-    """From 3 s on, but for the outage: half a metre, a tenth of a metre a second, two degrees; four sigmas at most."""
+def test_navigation_errors_are_small_and_within_five_sigma(logs, gnss):
+    """Bounds on position, velocity and attitude from 3 s on, except in the outage; always within five sigma."""
     t, error, sigma = errors(logs[gnss])
     seen = (t > 3) & ((t < 9) | (t > 13.5))
     for e, s, most in zip(error, sigma, (1.2, 0.3, 4 * DEG), strict=True):
@@ -46,7 +46,7 @@ def test_it_knows_where_it_is_and_how_well(logs, gnss):
 
 
 @pytest.mark.thorough
-def test_in_the_outage_fixes_stop_and_two_satellites_still_hold_the_drift(logs):
+def test_satellite_ranges_limit_drift_during_the_fix_outage(logs):
     for gnss, log in logs.items():
         used = log["estimate.state.gnss_fix.used"]
         t = np.arange(len(log)) * 0.02
@@ -59,7 +59,7 @@ def test_in_the_outage_fixes_stop_and_two_satellites_still_hold_the_drift(logs):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("gnss", ["fixes", "ranges"])
-def test_nothing_is_lost_late_or_ill(logs, gnss):
+def test_gnss_fixes_are_used_and_navigation_stays_healthy(logs, gnss):
     log = logs[gnss]
     assert log["estimate.state.gnss_fix.late"][-1] == 0
     assert log["estimate.state.gnss_fix.rejected"][-1] <= 1
@@ -70,7 +70,7 @@ def test_nothing_is_lost_late_or_ill(logs, gnss):
 
 
 @pytest.mark.thorough
-def test_the_start_is_off_and_imperfections_can_be_switched_off(logs):
+def test_start_error_exists_and_imperfections_can_be_disabled(logs):
     _, error, sigma = errors(logs["fixes"])
     assert (np.abs(error[0][0]) > 0.4 * sigma[0][0]).all()
     scenario, _ = catalogue.load_scenario("navigation/aerial")

@@ -1,4 +1,4 @@
-"""Each `--navigation` of the hovercraft: built and traced, one line in `list`, named in `--help`; flown for its page.
+"""Each `--navigation` of the hovercraft: building, `list` and `--help`, and the accuracy on its page.
 
 The table of docs/scenarios.md, Navigation systems, is printed, and compared with the page, by
 `pytest -n0 -s -m thorough tests/scenarios/test_navigation_choices.py`.
@@ -28,7 +28,7 @@ SEEDS, LATE = range(8), 5.0
 GROUPS = {"velocity": ("surge_velocity", "sway_velocity"), "position": ("north", "east"), "heading": ("heading",)}
 
 
-def test_every_kind_has_its_line_in_list_and_its_name_in_help():
+def test_every_navigation_kind_appears_in_list_and_help():
     listed = json.loads(CliRunner().invoke(main, ["list", NAME, "--json"]).output)["choice_lines"]["navigation"]
     assert set(listed) == set(KINDS) >= {"errors", "ins", "tight", "particle"}
     assert len({*listed.values()}) == len(KINDS)
@@ -43,8 +43,8 @@ def test_every_kind_has_its_line_in_list_and_its_name_in_help():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_gives_the_law_its_state(kind):
-    """The whole loop is traced, nothing flies: parts that don't fit each other are refused here."""
+def test_every_navigation_kind_estimates_the_states_of_the_law(kind):
+    """The full loop is only traced: mismatched parts would raise here."""
     scenario = build(NAME, {"navigation": kind})
     shapes = find_signals(scenario).shapes
     assert {f"estimate.state.{name}" for name in scenario.autopilot.law.reads} <= shapes.keys()
@@ -53,7 +53,7 @@ def test_every_kind_gives_the_law_its_state(kind):
 
 @functools.cache
 def flown(kind):
-    """Per group of states root mean square error and NEES over its size, over seeds, from LATE on."""
+    """Return the rms error and the NEES per dimension of each group of states, over seeds, from LATE on."""
     logs = simulate_many(build(NAME, {"navigation": kind}), seeds=SEEDS, log_period=ms(10))
     errors, normalised = ({group: [] for group in GROUPS} for _ in range(2))
     for log in logs:
@@ -71,7 +71,7 @@ def flown(kind):
 @pytest.mark.timeout(1800)
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "errors"])
-def test_every_kind_flies_as_its_page_says(kind):
+def test_every_navigation_kind_matches_the_accuracy_on_its_page(kind):
     rms, nees = flown(kind)
     sizes = f"{1000 * rms['position']:.1f} | {1000 * rms['velocity']:.0f} | {np.degrees(rms['heading']):.2f}"
     honest = " | ".join(f"{nees[group]:.2f}" for group in ("position", "velocity", "heading"))

@@ -1,6 +1,6 @@
-"""The rotating platform of the source: errors of its filters, with covariances as printed.
+"""The rotating platform of the thesis: errors of its filters, with covariances as printed.
 
-Bands are regression bands around what this package gave; the printed figures are those of [1] table 6.7. Fitted to
+Bands are regression bands around results of this package; the printed figures are those of [1] table 6.7. Fitted to
 them: latencies 87 and 120 ms, tilt 0.49 deg. Errors are taken at the time that an estimate is of, the newest inertial
 sample's, after 10 s.
 
@@ -28,7 +28,7 @@ RUNS = 8
 
 @cache
 def flown(name, rates=(), **settings):
-    """Batch of RUNS seeds for each rate (deg/s), or at the scenario's own."""
+    """Return a batch of RUNS seeds for each rate (deg/s), or at the scenario's own rate."""
     scenario, rest = catalogue.load_scenario(f"navigation/{name}", {"covariance": "literal"} | settings)
     assert not rest
     seeds = list(range(RUNS)) * max(len(rates), 1)
@@ -58,7 +58,7 @@ def rms_errors(batch):
 
 
 @pytest.mark.thorough
-def test_heading_of_the_magnetometer():
+def test_magnetometer_heading_error_matches_the_published_table():
     """[1] table 6.7: 0.5 deg at -166 deg/s; 0.45 to 0.70. Its rate error with the tachometer's noise: 3.7 deg/s."""
     heading, rate, *_ = np.median(rms_errors(flown("platform-magnetometer")), axis=0)
     assert 0.45 <= heading <= 0.70
@@ -67,7 +67,7 @@ def test_heading_of_the_magnetometer():
 
 
 @pytest.mark.thorough
-def test_heading_of_the_crickets():
+def test_cricket_heading_errors_match_the_thesis():
     """[1] section 6.2.1: about 5, 9.8 and about 20 deg at -57, -115 and -230 deg/s; 4.5-6, 9-11, 18-22."""
     errors = rms_errors(flown("platform-cricket", RATES)).reshape(len(RATES), RUNS, 4)
     heading = np.median(errors[:, :, 0], axis=1)
@@ -76,7 +76,7 @@ def test_heading_of_the_crickets():
 
 
 @pytest.mark.thorough
-def test_position_and_velocity_with_the_encoder():
+def test_encoder_position_and_velocity_errors_match_the_table():
     """[1] table 6.7: 3.4 cm, 7.5 cm/s at -166 deg/s; 3.0-3.9 and 6.5-8.3."""
     _, _, position, velocity = np.median(rms_errors(flown("platform-encoder")), axis=0)
     assert 3.0 <= position <= 3.9
@@ -84,7 +84,7 @@ def test_position_and_velocity_with_the_encoder():
 
 
 @pytest.mark.thorough
-def test_position_and_velocity_with_the_crickets():
+def test_cricket_position_and_velocity_errors_match_the_table():
     """[1] table 6.7: 8.1 cm, 16.8 cm/s at -115 deg/s; 6-10.5 and 12-21."""
     errors = rms_errors(flown("platform-cricket", RATES)).reshape(len(RATES), RUNS, 4)
     _, _, position, velocity = np.median(errors[RATES.index(-115.0)], axis=0)
@@ -93,7 +93,7 @@ def test_position_and_velocity_with_the_crickets():
 
 
 @pytest.mark.thorough
-def test_heading_of_two_units_raw_and_assisted():
+def test_inertial_assistance_reduces_two_unit_heading_error():
     """[1] section 6.2.1: about 25 deg, with inertial assistance about 10; 22-30 and 8-13."""
     scenario, _ = catalogue.load_scenario("navigation/platform-cricket", {"covariance": "literal"})
     signals = ("truth.heading", "sensors.unit_a", "sensors.unit_b", "estimate.state.north", "estimate.state.east")
@@ -113,7 +113,7 @@ def test_heading_of_two_units_raw_and_assisted():
 
 
 @pytest.mark.thorough
-def test_table_6_6_compensation_helps():
+def test_gyro_compensation_reduces_rate_and_heading_errors():
     """[1] table 6.6, its direction only: rate and heading errors are smaller with the gyro's inverse."""
     with_it, without = (rms_errors(flown("platform-square-wave", compensated=c)) for c in ("yes", "no"))
     assert np.median(with_it[:, 1]) < 0.8 * np.median(without[:, 1])
@@ -125,7 +125,7 @@ def test_table_6_6_compensation_helps():
 @pytest.mark.parametrize(
     "form", ["feedforward", *(pytest.param(f, marks=pytest.mark.thorough) for f in ("feedback", "direct", "coupled"))]
 )
-def test_every_form_fits_every_experiment(name, form):
+def test_every_filter_form_builds_for_every_experiment(name, form):
     scenario, rest = catalogue.load_scenario(f"navigation/platform-{name}", {"form": form})
     scenario.check()
     assert not rest
@@ -133,7 +133,7 @@ def test_every_form_fits_every_experiment(name, form):
 
 
 @pytest.mark.thorough
-def test_the_rig_turns_as_told_and_its_ideal_twin_too():
+def test_rig_turns_at_the_target_rate():
     for name, rate in (("platform-magnetometer", -166.0), ("platform-cricket", -115.0)):
         scenario, _ = catalogue.load_scenario(f"navigation/{name}")
         scenario.check()
@@ -147,8 +147,8 @@ def test_the_rig_turns_as_told_and_its_ideal_twin_too():
 @pytest.mark.thorough
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(("beacons", "heading", "place"), [("4", 1.1, 0.95), ("2", 1.0, 1.05)])
-def test_single_ranges_beat_fixes(beacons, heading, place):
-    """By these factors at least, over 16 flights: the heading with four beacons, the place with two left."""
+def test_single_ranges_are_more_accurate_than_fixes(beacons, heading, place):
+    """At least by these factors over 16 flights: heading with four beacons, position with two."""
 
     def errors(coupling):
         scenario, _ = catalogue.load_scenario("navigation/platform-ranging", {"coupling": coupling, "beacons": beacons})

@@ -1,4 +1,4 @@
-"""quadrotor/track, whole flights: paths, upright again from upside down, and without each of its rotors."""
+"""quadrotor/track, whole flights: paths, recovery from upside down, and loss of each rotor."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def fly(seed=0, faults=(), **choices):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("trajectory", "most"), [("circle", 0.1), ("eight", 0.1), ("helix", 0.05)])
-def test_it_stays_on_its_path(trajectory, most):
+def test_quadrotor_stays_on_its_path(trajectory, most):
     log = fly(trajectory=trajectory)
     assert log["law.distance"][log.t > 5].max() < most
     assert log["law.attitude_error"].max() < 0.2
@@ -28,13 +28,13 @@ def test_it_stays_on_its_path(trajectory, most):
 
 
 @pytest.mark.thorough
-def test_a_place_is_reached_and_kept():
+def test_quadrotor_reaches_and_holds_a_place():
     log = fly(trajectory="place")
     assert log["law.distance"][log.t > 3].max() < 0.05
 
 
 @pytest.mark.thorough
-def test_from_upside_down_it_is_upright_again():
+def test_quadrotor_recovers_from_upside_down():
     log = fly(trajectory="recovery")
     assert log["law.attitude_error"].max() > 1.8
     assert log["law.attitude_error"][log.t > 2].max() < 0.5
@@ -44,8 +44,8 @@ def test_from_upside_down_it_is_upright_again():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("rotor", ROTORS)
-def test_without_a_rotor_it_stays_near_its_place(rotor):
-    """Within 3 m of it in the first seconds, within 0.1 m from 6 s after the loss on, spinning 3 times a second."""
+def test_lost_rotor_keeps_the_quadrotor_near_its_place(rotor):
+    """Within 3 m in the first seconds, within 0.1 m from 6 s after the loss, spinning at about 3 Hz."""
     log = fly(trajectory="place", motor=f"{rotor}-fails")
     after = log.t > 2
     assert log.t[np.argmax(log["law.lost"])] < 2.1
@@ -58,7 +58,7 @@ def test_without_a_rotor_it_stays_near_its_place(rotor):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("rotor", ROTORS)
-def test_with_other_noise_too(rotor):
+def test_lost_rotor_hover_holds_for_25_seeds(rotor):
     for seed in range(1, 26):
         log = fly(seed, trajectory="place", motor=f"{rotor}-fails")
         assert log["law.distance"][log.t > 2].max() < 3, seed
@@ -67,8 +67,8 @@ def test_with_other_noise_too(rotor):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("rotor", ROTORS)
-def test_it_comes_back_from_a_turn_whichever_rotor_stops_and_whatever_the_noise(rotor):
-    """On the circle the third tips it over: with most seeds it is upside down a second later."""
+def test_recovers_from_rotor_loss_on_the_circle(rotor):
+    """On the circle the loss of rotor 3 tips the craft over: with most seeds it is upside down a second later."""
     scenario = build("quadrotor/track", {"motor": f"{rotor}-fails"})
     logs = simulate_many(scenario, seeds=range(20), log_period=ms(20), signals=("law.distance",))
     assert max(log.between(2, 10)["law.distance"].max() for log in logs) < 5
@@ -76,28 +76,28 @@ def test_it_comes_back_from_a_turn_whichever_rotor_stops_and_whatever_the_noise(
 
 
 @pytest.mark.thorough
-def test_the_fault_is_one_of_the_loops():
+def test_motor_failure_equals_the_actuator_fault():
     log = fly(trajectory="place", faults=["actuators:speed[1] off @ 2 s"])
     same = fly(trajectory="place", motor="2-fails")
     np.testing.assert_array_equal(log["truth.position"], same["truth.position"])
 
 
 @pytest.mark.thorough
-def test_a_rotor_that_loses_a_part_of_its_speed_is_no_lost_one():
+def test_slowed_rotor_is_not_detected_as_lost():
     log = fly(trajectory="place", faults=["actuators:speed[0] wrong by -0.1 @ 2 s"])
     assert not log["law.lost"].any()
     assert log["actuators.u.speed"][-1, 0] == pytest.approx(0.9 * log["command.value.speed"][-1, 0], abs=20)
     assert log["law.distance"][log.t > 8].max() < 0.3
 
 
-def test_the_network_is_not_flown_without_a_rotor():
+def test_rejects_the_neural_law_with_a_lost_rotor():
     with pytest.raises(InputError, match="not trained for a lost rotor"):
         build("quadrotor/track", {"law": "neural", "motor": "1-fails"})
 
 
 @pytest.mark.thorough
-def test_an_ideal_twin_keeps_the_vehicle_and_what_is_believed_of_it():
-    """Drag and the motors' lag are the vehicle's; steps of the speeds and their limits are faults of its drives."""
+def test_ideal_twin_keeps_the_vehicle_and_its_model():
+    """Drag and motor lag belong to the vehicle; speed steps and limits are imperfections of the drives."""
     flown = build("quadrotor/track")
     ideal = flown.ideal()
     ideal.check()

@@ -1,4 +1,4 @@
-"""A log's scenario is built again: from the choices that it records, or, in an old one, from what its parts are."""
+"""Rebuilding a log's scenario from its recorded choices or, without them, from its parts."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ from trimtab.scenarios.recorded import rebuild_scenario
 
 
 def recorded(folder, scenario, /, **changes) -> Log:
-    """A log of a scenario, from its file, with some of its metadata changed."""
+    """Return a log of a scenario, read from its file, with changed metadata."""
     about = describe_scenario(scenario) | changes
     return read_mcap(
         write_mcap(Log(np.zeros(1), np.zeros(1, int), {"a.x": np.ones(1)}, {}, about), folder / "run.mcap")
@@ -35,7 +35,7 @@ def check_alike(one, other):
         assert isinstance(a, str | tuple | bool) == isinstance(b, str | tuple | bool), path
 
 
-def test_the_log_of_a_vehicle_at_its_end_of_a_line_is_built_again_with_the_faults_that_wait(tmp_path):
+def test_vehicle_log_is_rebuilt_with_its_dormant_faults(tmp_path):
     flown = add_dormant_faults(build("hovercraft/forward", {"world.vehicle.mass": "3"}))
     again = rebuild_scenario(recorded(tmp_path, flown, side="vehicle"))
     check_alike(again, flown)
@@ -44,13 +44,13 @@ def test_the_log_of_a_vehicle_at_its_end_of_a_line_is_built_again_with_the_fault
 
 @pytest.fixture
 def builds(monkeypatch) -> list:
-    """What the catalogue was asked for."""
+    """List of the scenarios that the catalogue has built."""
     asked, load = [], catalogue.load_scenario
     monkeypatch.setattr(catalogue, "load_scenario", lambda *a: asked.append(a) or load(*a))
     return asked
 
 
-def test_the_recorded_choices_are_built_once(tmp_path, builds):
+def test_rebuild_uses_the_recorded_choices_once(tmp_path, builds):
     typed = {"navigation": "ins-magnetometer", "links": "measured", "world.vehicle.mass": "2.7", "duration": "4 s"}
     faults = ["sensor:imu off @ 3 s for 1 s"]
     scenario = build("hovercraft/spin", typed, without=["imu-noise"], faults=faults)
@@ -69,13 +69,13 @@ def test_the_recorded_choices_are_built_once(tmp_path, builds):
     assert len(builds) == 1
 
 
-def test_what_flies_live_and_the_ideal_twin_come_again(tmp_path):
+def test_live_scenario_and_ideal_twin_are_rebuilt(tmp_path):
     scenario = build("hovercraft/forward", {"supervisor": "automatic"})
     check_alike(rebuild_scenario(recorded(tmp_path, add_pilot_sensor(scenario))), add_pilot_sensor(scenario))
     check_alike(rebuild_scenario(recorded(tmp_path, scenario.ideal())), scenario.ideal())
 
 
-def test_a_recording_of_a_link_need_not_be_there_any_more(tmp_path):
+def test_rebuild_works_without_the_link_recording_file(tmp_path):
     file = tmp_path / "uplink.csv"
     write_trace(file, Trace(np.arange(3) * 0.02, np.full(3, 0.01), np.zeros(3, bool)))
     scenario = build("hovercraft/forward", {"uplink": str(file)})
@@ -85,7 +85,7 @@ def test_a_recording_of_a_link_need_not_be_there_any_more(tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_log_without_choices_is_recognised_by_its_parts(tmp_path):
+def test_log_without_choices_is_rebuilt_from_its_parts(tmp_path):
     """Logs of scenarios that were built in Python have no choices."""
     scenario, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins-magnetometer", "links": "measured"})
     vehicle = replace(scenario.world.vehicle, mass=np.nextafter(2.7, 3))
@@ -95,8 +95,8 @@ def test_a_log_without_choices_is_recognised_by_its_parts(tmp_path):
     check_alike(rebuild_scenario(log), scenario)
 
 
-def test_nothing_is_imported_because_a_log_names_it(tmp_path):
-    """A file, a module and a function that would end Python: each refused, each flown where a person names it."""
+def test_rebuild_never_imports_code_named_by_a_log(tmp_path):
+    """A file, a module and a function that would end Python: each rejected, and a file is used if the user names it."""
     scenario, _ = catalogue.load_scenario("hovercraft/spin")
     own, mark = tmp_path / "own.py", tmp_path / "was run"
     own.write_text(
@@ -120,7 +120,7 @@ def craft():
 
 
 @pytest.mark.thorough
-def test_a_scenario_that_is_built_otherwise_is_refused(tmp_path):
+def test_rejects_a_scenario_whose_parts_differ_from_the_log(tmp_path):
     for scenario in (build("hovercraft/zero-velocity"), catalogue.load_scenario("hovercraft/zero-velocity")[0]):
         parts = part_classes(scenario) | {"autopilot.law": "AnotherLaw"}
         with pytest.raises(InputError, match=r"autopilot.law was AnotherLaw, is ZeroVelocity"):
@@ -164,7 +164,7 @@ CHANGED = {
         ({"choices": CHANGED | {"arguments": {"gain": "x"}}}, r"choices\.arguments\.gain is a file name"),
     ],
 )
-def test_metadata_of_the_wrong_kind_is_refused_by_field(tmp_path, builds, metadata, field):
+def test_invalid_log_metadata_is_rejected_by_field(tmp_path, builds, metadata, field):
     log = recorded(tmp_path, build("hovercraft/spin", {}), **metadata)
     builds.clear()
     with pytest.raises(InputError, match=f"the log's field {field}"):

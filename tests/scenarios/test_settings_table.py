@@ -1,4 +1,4 @@
-"""Every setting, to look at."""
+"""The table of all settings of a scenario."""
 
 import pytest
 
@@ -16,7 +16,7 @@ def test_settings_have_value_unit_and_meaning():
     assert list(table["world.vehicle"]) == ["world.vehicle.mass", "world.vehicle.inertia", "world.vehicle.arm"]
 
 
-def test_it_is_printed_and_shown_as_a_table():
+def test_settings_are_shown_as_text_and_html_tables():
     table = settings("hovercraft/spin")
     lines = repr(table).splitlines()
     assert lines[0] == f"hovercraft/spin: {len(table)} settings"
@@ -25,7 +25,7 @@ def test_it_is_printed_and_shown_as_a_table():
     assert table._repr_html_().count("<tr>") == len(table) + 1
 
 
-def test_a_path_there_is_not_is_refused_with_what_is_near():
+def test_unknown_path_suggests_similar_settings():
     with pytest.raises(InputError, match="there is no such setting") as refused:
         settings("hovercraft/spin")["world.vehicle.mas"]
     assert "world.vehicle.mass" in refused.value.choices

@@ -1,4 +1,4 @@
-"""The hovercraft whose ultrasonic units are behind a slow bus: later, and there all the same."""
+"""The hovercraft with ultrasonic units behind a slow bus: later samples, same targets."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def flown(name, bus, seed=3):
 
 
 def reached(scenario, log):
-    """When each target is reached first."""
+    """Return the time at which each target is first reached."""
     targets = [t for t in scenario.targets if t.path.startswith("truth.")]
     found = metrics(log, targets, [t.path for t in targets])
     return {path: found[path]["first_reach_s"] for path in found}
@@ -35,7 +35,7 @@ def forward():
 
 
 def arrivals(log, end):
-    """When pings come out of the sensor, by the time of the ping."""
+    """Return the arrival times of pings, by the time of the ping."""
     rows = np.flatnonzero(log[f"{end}.ranging.fresh"])
     return dict(zip(log[f"{end}.ranging.t"][rows].tolist(), log.ticks[rows].tolist(), strict=True))
 
@@ -52,8 +52,8 @@ def test_forward_reaches_its_targets(forward):
 
 @compiled
 @pytest.mark.thorough
-def test_each_ping_is_later_by_the_way_over_the_bus(forward):
-    """24 bytes: three slots of 10 ms, the last with 4 bytes and an address, 0.45 ms; seen at the millisecond after."""
+def test_bus_delays_each_ping_by_its_transfer_time(forward):
+    """24 bytes: three slots of 10 ms, the last with 4 bytes and an address, 0.45 ms; received at the next ms."""
     _, log = forward
     _, before = flown("hovercraft/forward", "none")
     late, early = arrivals(log, "sensors"), arrivals(before, "sensors")
@@ -73,20 +73,20 @@ def test_each_ping_is_later_by_the_way_over_the_bus(forward):
 
 @compiled
 @pytest.mark.thorough
-def test_nothing_is_dropped(forward):
+def test_bus_drops_no_ping(forward):
     _, log = forward
     pings = sorted(arrivals(log, "sensors"))
     assert set(np.diff(pings)) == {ms(100)}
 
 
-def test_a_log_knows_that_there_was_a_bus():
-    """What `replay` builds again; only names and numbers are looked at, nothing is flown."""
+def test_log_is_rebuilt_with_its_bus():
+    """`replay` rebuilds the bus; this test compares names and runs no simulation."""
     scenario, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins", "bus": "slave"})
     log = Log(np.zeros(1), np.zeros(1, np.int64), {"truth.north": np.zeros(1)}, {}, describe_scenario(scenario), {})
     assert type(rebuild_scenario(log).world.sensors["ranging"]).__name__ == "RelayedSensor"
 
 
-def test_the_error_model_has_no_units_to_put_on_a_bus():
+def test_rejects_the_bus_with_the_error_model():
     with pytest.raises(InputError, match="the bus carries ultrasonic samples") as refused:
         catalogue.load_scenario("hovercraft/forward", {"bus": "slave"})
     assert 'navigation="ins"' in refused.value.fix
@@ -96,6 +96,6 @@ def test_the_error_model_has_no_units_to_put_on_a_bus():
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", HOVERCRAFT)
 def test_every_hovercraft_scenario_reaches_its_targets(name):
-    """Half a minute each, to compile."""
+    """Each takes half a minute to compile."""
     scenario, log = flown(name, "slave")
     assert all(time is not None for time in reached(scenario, log).values())

@@ -1,4 +1,4 @@
-"""Hovercraft in formation: they form, they keep apart, each on what it knows; fast, alike on JAX and in C."""
+"""Hovercraft in formation: convergence, separation, decentralised commands, speed, and JAX against C."""
 
 import importlib.util
 import math
@@ -35,7 +35,7 @@ def benchmark():
 
 
 def nearest(log):
-    """The least distance by hand, from the truth."""
+    """Return the least distance between craft, from the truth."""
     north, east = log["truth.north"], log["truth.east"]
     apart = np.hypot(north[..., None] - north[:, None], east[..., None] - east[:, None])
     n = north.shape[1]
@@ -44,7 +44,7 @@ def nearest(log):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("craft", ["3", "10"])
-def test_they_form_and_keep_apart(craft):
+def test_swarm_forms_without_collision(craft):
     log = fly(build("swarm/formation", {"craft": craft}))
     spacing, formation_error = log["sensors.arena.value.spacing"], log["sensors.arena.value.formation_error"]
     np.testing.assert_allclose(spacing, nearest(log), rtol=1e-12)
@@ -55,7 +55,7 @@ def test_they_form_and_keep_apart(craft):
 
 
 @pytest.mark.real_time
-def test_a_hundred_craft_form_too_and_faster_than_real_time():
+def test_hundred_craft_form_faster_than_real_time():
     import time
 
     scenario = build("swarm/formation", {"craft": "100"})
@@ -71,7 +71,7 @@ def test_a_hundred_craft_form_too_and_faster_than_real_time():
 
 
 @pytest.mark.thorough
-def test_the_ideal_twin_flies_and_is_observed():
+def test_ideal_twin_forms_and_is_measured():
     log = fly(build("swarm/formation").ideal())
     assert log["sensors.arena.value.spacing"].min() > 1.0
     assert log["sensors.arena.value.formation_error"][-1] < 0.3
@@ -79,8 +79,8 @@ def test_the_ideal_twin_flies_and_is_observed():
 
 
 @pytest.mark.thorough
-def test_without_messages_each_flies_alone_and_what_others_do_changes_no_bit():
-    """The proof that the command is decentralised, on the whole loop: what is lost cannot be known."""
+def test_craft_without_messages_are_bit_for_bit_independent():
+    """With all messages lost, no craft depends on another: the command is decentralised on the full loop."""
     deaf = build("swarm/formation", {"craft": "3", "world.sensors.craft.radio.loss": "1"})
     east, third = np.array(deaf.initial.east), np.array([0, 0, 1.0])
     moved = replace(deaf, initial=replace(deaf.initial, east=east + 0.7 * third, heading=2 * third))
@@ -96,7 +96,7 @@ def test_without_messages_each_flies_alone_and_what_others_do_changes_no_bit():
 
 
 @pytest.mark.thorough
-def test_those_that_have_to_pass_each_other_do():
+def test_craft_with_swapped_places_pass_without_collision():
     log = fly(build("swarm/formation", {"start": "swapped", "route": "fixed"}), seconds(100))
     assert log["sensors.arena.value.spacing"].min() > TOUCH
     assert log["sensors.arena.value.formation_error"][-1] < 0.6
@@ -126,7 +126,7 @@ def test_ten_thousand_random_starts_never_collide(capsys):
 
 
 @pytest.mark.thorough
-def test_jax_and_c_agree():
+def test_jax_and_c_backends_agree():
     scenario = replace(build("swarm/formation", {"craft": "3"}), duration=ms(600))
     logs = [simulate(scenario, backend=b, signals=SEEN) for b in ("jax", "c")]
     found = compare_logs(*logs)
@@ -144,6 +144,6 @@ def test_places_are_a_hexagonal_lattice_around_the_leader():
 
 
 @pytest.mark.thorough
-def test_the_whole_autopilot_of_a_swarm_is_not_exported(tmp_path):
+def test_rejects_c_export_of_a_swarm_autopilot(tmp_path):
     with pytest.raises(InputError, match="is not logged"):
         export_c(build("swarm/formation", {"craft": "3"}), tmp_path, steps=5)

@@ -1,4 +1,4 @@
-"""Scenario files: what they say is what flies, and what is wrong in them is said with its line."""
+"""Scenario files: their content sets the scenario, and errors name the line."""
 
 import json
 import re
@@ -69,7 +69,7 @@ def write(folder, text, name="my.toml"):
     return str(file)
 
 
-def test_a_file_changes_its_base(tmp_path):
+def test_file_overrides_settings_of_its_base(tmp_path):
     scenario = build(write(tmp_path, SPIN), {"world.vehicle.arm": "30 cm"})
     by_hand = build(
         "hovercraft/spin",
@@ -97,7 +97,7 @@ def assert_alike(one, other):
         np.testing.assert_array_equal(value, right[path], err_msg=path)
 
 
-def test_a_scenario_is_put_together_from_parts_alone(tmp_path):
+def test_file_builds_a_scenario_from_parts(tmp_path):
     scenario = build(write(tmp_path, WHOLE))
     assert isinstance(scenario.autopilot.law, ForwardMomentum)
     assert isinstance(scenario.world.downlink, Wire)
@@ -108,7 +108,7 @@ def test_a_scenario_is_put_together_from_parts_alone(tmp_path):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("text", [SPIN, WHOLE])
-def test_its_flight_is_rebuilt_from_the_log_without_the_file(tmp_path, text):
+def test_flight_log_is_rebuilt_without_the_file(tmp_path, text):
     name = write(tmp_path, text)
     log = simulate(build(name), seed=3)
     (tmp_path / "my.toml").unlink()
@@ -116,7 +116,7 @@ def test_its_flight_is_rebuilt_from_the_log_without_the_file(tmp_path, text):
 
 
 @pytest.mark.parametrize("name", ["hovercraft/spin", "quadrotor/track"])
-def test_what_is_written_is_the_same_scenario_to_the_bit(tmp_path, name):
+def test_written_scenario_file_round_trips_bit_for_bit(tmp_path, name):
     scenario = catalogue.load_scenario(name)[0]
     text = format_scenario(name, scenario, catalogue.scenario_choices(name))
     again = build(write(tmp_path, text))
@@ -126,12 +126,12 @@ def test_what_is_written_is_the_same_scenario_to_the_bit(tmp_path, name):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", catalogue.scenario_names())
-def test_every_scenario_is_written_to_the_bit(tmp_path, name):
-    test_what_is_written_is_the_same_scenario_to_the_bit(tmp_path, name)
+def test_every_scenario_file_round_trips_bit_for_bit(tmp_path, name):
+    test_written_scenario_file_round_trips_bit_for_bit(tmp_path, name)
 
 
 @pytest.mark.thorough
-def test_the_schema_knows_what_is_written_and_refuses_another_field():
+def test_schema_accepts_written_files_and_rejects_unknown_fields():
     import tomllib
 
     import jsonschema
@@ -147,7 +147,7 @@ def test_the_schema_knows_what_is_written_and_refuses_another_field():
         assert not check.is_valid(tomllib.loads(text.replace("reference =", "referenze =")))
 
 
-def test_a_file_on_a_file(tmp_path):
+def test_file_can_be_based_on_another_file(tmp_path):
     write(tmp_path, SPIN, "below.toml")
     law = '[autopilot.law]\npart = "ForwardMomentum"\nk1 = "2 kg/s"\n'
     scenario = build(write(tmp_path, f'base = "below.toml"\nduration = "3 s"\n{law}'))
@@ -158,7 +158,7 @@ def test_a_file_on_a_file(tmp_path):
 
 
 @pytest.mark.thorough
-def test_files_that_it_names_are_looked_for_beside_it(tmp_path, monkeypatch):
+def test_relative_paths_are_resolved_beside_the_file(tmp_path, monkeypatch):
     (tmp_path / "path.csv").write_text(
         "\n".join(["time [s],north [m],east [m]", *(f"{2 * k},{0.6 * k},0" for k in range(6))])
     )
@@ -196,14 +196,14 @@ def test_files_that_it_names_are_looked_for_beside_it(tmp_path, monkeypatch):
         ('[world.vehicle]\npart = "Hovercraft"', r"my.toml: world.actuators: the part is missing"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_line(tmp_path, text, said):
+def test_invalid_file_error_names_the_line(tmp_path, text, said):
     with pytest.raises(InputError, match=said) as refused:
         build(write(tmp_path, text))
     assert refused.value.fix
     assert "settings=" not in refused.value.fix
 
 
-def test_a_vehicle_that_flies_on_takes_a_fault_after_the_end_of_its_scenario(tmp_path):
+def test_late_fault_is_accepted_only_outside_virtual_time(tmp_path):
     file = tmp_path / "slow.toml"
     file.write_text(SPIN)
     late = ["uplink off @ 500 s"]
@@ -212,12 +212,12 @@ def test_a_vehicle_that_flies_on_takes_a_fault_after_the_end_of_its_scenario(tmp
     assert late[0] in build(str(file), faults=late, in_virtual_time=False).choices["faults"]
 
 
-def test_what_is_typed_beside_it_is_no_line_of_it(tmp_path):
+def test_wrong_command_line_setting_names_no_file_line(tmp_path):
     with pytest.raises(InputError, match=r"^settings world.vehicle.mass"):
         build(write(tmp_path, SPIN), {"world.vehicle.mass": "3 m"})
 
 
-def test_a_file_there_is_not_and_one_that_is_no_text(tmp_path):
+def test_rejects_missing_and_non_utf8_files(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         build(str(tmp_path / "none.toml"))
     (tmp_path / "odd.toml").write_bytes(b"\xff\xfe")
@@ -225,7 +225,7 @@ def test_a_file_there_is_not_and_one_that_is_no_text(tmp_path):
         build(str(tmp_path / "odd.toml"))
 
 
-def test_places_of_keys():
+def test_finds_line_and_column_of_each_key():
     text = 'a = 1\n[t]\n  b.c = [\n  1, # [x]\n]\n["q".r]\nd = """\ne = 1\n"""\nf = "[" # ]\n[[u]]\ng = 2\n'
     assert find_places(text) == {
         "a": (1, 1),
@@ -239,7 +239,7 @@ def test_places_of_keys():
     }
 
 
-def test_another_part_takes_what_was_set_in_it_with_it():
+def test_replacing_a_part_drops_its_inherited_settings():
     below = {"autopilot.law": "ConstantSpin", "autopilot.law.k1": "1", "autopilot.lawn": "2"}
     assert merge_settings(below, {"autopilot.law": "ForwardMomentum"}) == {
         "autopilot.law": "ForwardMomentum",
@@ -248,7 +248,7 @@ def test_another_part_takes_what_was_set_in_it_with_it():
     assert merge_settings(below, {"autopilot.law": "ConstantSpin"}) == below
 
 
-def test_the_fix_is_written_as_the_file_has_it(tmp_path):
+def test_fix_is_written_in_toml_syntax(tmp_path):
     with pytest.raises(InputError) as refused:
         build(write(tmp_path, 'base = "hovercraft/spin"\n[world.vehicle]\nmass = "3 m"'))
     assert re.search(r'\[world\.vehicle\] mass = "3 kg"', refused.value.fix)

@@ -1,4 +1,4 @@
-"""`torpedo/depth`: depth and heading are reached aboard and over an acoustic link, and where that ends."""
+"""`torpedo/depth`: depth and heading are reached aboard and over an acoustic link, but not with a late link."""
 
 import numpy as np
 import pytest
@@ -20,8 +20,8 @@ def heading(log):
     return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
-def test_it_starts_level():
-    """To what six figures of its state can say."""
+def test_torpedo_starts_level():
+    """To the accuracy of six digits of the state."""
     dv, dw = Torpedo().accelerations(LEVEL)
     np.testing.assert_allclose(np.concatenate([dv, dw]), 0.0, atol=2e-4)
     climb = quaternion.rotate(np.asarray(LEVEL.attitude), np.asarray(LEVEL.velocity))[2]
@@ -39,7 +39,7 @@ def test_depth_and_heading_are_reached(links):
 
 
 @pytest.mark.thorough
-def test_the_current_carries_it_along():
+def test_current_carries_the_torpedo_along():
     with_current = simulate(build("torpedo/depth").ideal())
     calm = build("torpedo/depth", {"world.vehicle.current.north": "0", "world.vehicle.current.east": "0"})
     still = simulate(replace(calm, initial=LEVEL).ideal())
@@ -48,8 +48,8 @@ def test_the_current_carries_it_along():
 
 
 @pytest.mark.thorough
-def test_too_late_a_link_loses_it():
-    """Open-loop it doubles its yaw rate in 0.6 s: half a second each way is too much."""
+def test_long_link_delay_destabilises_the_torpedo():
+    """The open-loop yaw rate doubles in 0.6 s, so half a second of delay each way is too long."""
     late = {"world.downlink.steps": "10", "world.uplink.steps": "10"}
     logs = simulate_many(build("torpedo/depth", late), seeds=range(5))
     assert all(np.abs(np.asarray(log["truth.rate"])[-200:, 2]).max() > 0.1 for log in logs)

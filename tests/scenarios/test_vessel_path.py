@@ -1,4 +1,4 @@
-"""`vessel/path`: the way-points are passed in a current and over a radio, and what the settings change."""
+"""`vessel/path`: way-points in a current and over a radio, and the effect of settings."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ def cross_track(log, start=0.0):
 
 
 @pytest.mark.thorough
-def test_it_sails_past_all_way_points_at_its_speed():
+def test_vessel_passes_all_waypoints_at_its_speed():
     log = simulate(build("vessel/path"), seed=0)
     north, east = log["truth.north"], log["truth.east"]
     for place in ((12.0, 0.0), (18.0, 8.0)):
@@ -24,8 +24,8 @@ def test_it_sails_past_all_way_points_at_its_speed():
 
 
 @pytest.mark.thorough
-def test_without_its_integral_the_current_sets_it_off_the_last_leg():
-    """By D tan(crab), crab the angle at which the vessel has to meet the current."""
+def test_zero_integral_gain_leaves_cross_track_error_in_current():
+    """The error is D tan(crab), where crab is the angle of the vessel to the path in the current."""
     settings = {"duration": "125"}
     logs = {
         g: simulate(build("vessel/path", {**settings, "autopilot.law.integral_gain": g}).ideal()) for g in ("0.1", "0")
@@ -47,14 +47,14 @@ def test_without_its_integral_the_current_sets_it_off_the_last_leg():
         ({"reference": "circle"}, 45, 0.5),
     ],
 )
-def test_choices_fly(settings, since, most):
+def test_each_choice_tracks_within_its_bound(settings, since, most):
     log = simulate(build("vessel/path", settings), seed=1)
     assert np.sqrt(np.mean(cross_track(log, since) ** 2)) < most
 
 
 @pytest.mark.thorough
-def test_it_needs_a_rudder_that_is_quick_enough():
-    """Unstable in yaw: with a rudder of 2 degrees a second it weaves; the default does not."""
+def test_slow_rudder_makes_the_vessel_weave():
+    """The vessel is unstable in yaw: with a rudder rate of 2 deg/s it weaves, with the default it does not."""
     slow = simulate(build("vessel/path", {"world.vehicle.rudder_rate": "0.035"}), seed=0)
     quick = simulate(build("vessel/path"), seed=0)
     weave = [np.abs(np.asarray(log["truth.yaw_rate"])[log.t > 30]).max() for log in (slow, quick)]
@@ -62,7 +62,7 @@ def test_it_needs_a_rudder_that_is_quick_enough():
 
 
 @pytest.mark.thorough
-def test_seeds_differ_by_noise_and_losses_alone():
+def test_seeds_vary_the_error_within_its_bound():
     logs = simulate_many(build("vessel/path"), seeds=range(20))
     errors = [np.sqrt(np.mean(cross_track(log, 20) ** 2)) for log in logs]
     assert np.std(errors) > 0
