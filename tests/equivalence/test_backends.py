@@ -111,7 +111,7 @@ def test_backends_agree(name):
 
 
 @pytest.mark.thorough
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("ideal", [False, True])
 @pytest.mark.parametrize("name", NAMES)
 def test_backends_agree_over_whole_runs(name, ideal):

@@ -247,9 +247,7 @@ FINDINGS = [
         "B4",
         "particle filter with rejected ranges",
         "valid at 76 m off",
-        lambda: run_tests(
-            "studies/test_ranges2009_particle.py::test_estimate_is_invalid_while_ranges_are_rejected"
-        ),
+        lambda: run_tests("studies/test_ranges2009_particle.py::test_estimate_is_invalid_while_ranges_are_rejected"),
     ),
     Finding("B5", "to_euler in float32 at pitch pi/2", "rotation off by 0.17 rad", euler_angles_in_single_precision),
     Finding("B6", "heading sigma of --navigation ins", "1.8 times too large without a word", heading_sigma),

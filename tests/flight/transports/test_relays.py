@@ -33,8 +33,13 @@ def test_loss_and_corruption_are_as_frequent_as_asked_for():
 def test_same_seed_gives_same_packet_fates():
     settings = {"delay": 0.1, "jitter": 0.1, "loss": 0.3}
     assert fates(50, **settings, seed=1) == fates(50, **settings, seed=1) != fates(50, **settings, seed=2)
-    weather = Weather(**settings)
-    assert [weather.passes(side, 0.0, b"x") for side in (LEFT, RIGHT)].count(None) < 2
+
+
+def test_both_directions_draw_their_own_fates():
+    weather = Weather(loss=0.3)
+    left, right = ([weather.passes(side, 10.0 * k, b"x") is None for k in range(50)] for side in (LEFT, RIGHT))
+    assert 0 < sum(left) < 50
+    assert left != right
 
 
 @pytest.mark.thorough
