@@ -29,12 +29,12 @@ def branch(x):
 
 
 SLIPS = {
-    "if": (branch, "`if` on a traced value", "jnp.where"),
-    "and": (lambda x: (x.north > 1) and (x.north < 2), "`and` on a traced value", "&"),
-    "math": (lambda x: math.sin(x.north), "`math.sin` of a traced value", "jnp.sin"),
-    "numpy": (lambda x: np.cos(x.north), "`np.cos` of a traced value", "jnp.cos"),
-    "float": (lambda x: float(x.north), "`float()` of a traced value", "leave float() out"),
-    "range": (lambda x: [0 for _ in range(jnp.asarray(x.north, int))], "`range()` of a traced value", "fixed number"),
+    "if": (branch, "`if` depends on a traced value", "jnp.where"),
+    "and": (lambda x: (x.north > 1) and (x.north < 2), "`and` is applied to a traced value", "&"),
+    "math": (lambda x: math.sin(x.north), "`math.sin` is applied to a traced value", "jnp.sin"),
+    "numpy": (lambda x: np.cos(x.north), "`np.cos` is applied to a traced value", "jnp.cos"),
+    "float": (lambda x: float(x.north), "`float()` is applied to a traced value", "leave float() out"),
+    "range": (lambda x: [0 for _ in range(jnp.asarray(x.north, int))], "`range()` is applied to a traced value", "fixed number"),
     "misspelt": (lambda x: x.nort, "'Point' object has no attribute 'nort'", "write 'north' instead"),
     "shape": (lambda x: jnp.stack([x.north, jnp.zeros(2)]), "Cannot stack arrays", "correct that line"),
     "another name": (lambda x: nothing, "NameError: name 'nothing' is not defined", "define or import"),  # noqa: F821
@@ -95,9 +95,9 @@ def test_a_file_that_does_not_run_is_refused_with_its_line(tmp_path, text, said)
 
 
 OTHERS = {
-    "numpy by its name": (lambda x: numpy.sin(x.north), "`numpy.sin` of a traced value", "use jnp.sin"),
-    "a function by its name": (lambda x: sin(x.north), "Python's `sin` on a traced value", "use jnp.sin"),
-    "item": (lambda x: x.north.item(), "`.item()` of a traced value", "leave .item() out"),
+    "numpy by its name": (lambda x: numpy.sin(x.north), "`numpy.sin` is applied to a traced value", "use jnp.sin"),
+    "a function by its name": (lambda x: sin(x.north), "Python's `sin` is applied to a traced value", "use jnp.sin"),
+    "item": (lambda x: x.north.item(), "`.item()` is applied to a traced value", "leave .item() out"),
     "unknown argument": (lambda x: Point(nort=x.north), "unexpected keyword argument", "write north=… instead"),
     "change": (lambda x: setattr(x, "north", 1.0), "records are immutable", "return changing values as the state"),
     "format": (lambda x: f"{x.north:.2f}", "unsupported format string", "jax.debug.print"),
