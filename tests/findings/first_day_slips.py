@@ -60,7 +60,9 @@ SLIPS = {
     "function of math by its name": Slip(
         LAW, RETURN, before("from math import sin; off = sin(off)"), ":43: Python's `sin` on", "use jnp.sin"
     ),
-    "number is taken out": Slip(LAW, RETURN, before("off.item()"), ":43: `.item()` is applied to a traced", "leave .item() out"),
+    "number is taken out": Slip(
+        LAW, RETURN, before("off.item()"), ":43: `.item()` is applied to a traced", "leave .item() out"
+    ),
     "number is printed": Slip(LAW, RETURN, before("print(f'{off:.2f}')"), ":43: unsupported format", "jax.debug.print"),
     "misspelt field of the output": Slip(
         LAW, "MyLawOutput(demand, off)", "MyLawOutput(demand, of_course=off)", ":43: MyLawOutput", "write off_course=…"

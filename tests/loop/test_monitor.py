@@ -156,7 +156,11 @@ def test_it_looks_each_period_and_holds_between():
         ("a: always(estimate.x > 0); a: once(estimate.x > 0)", ms(10), "two formulas are named 'a'"),
         ("eventually(always(estimate.x > 0))", ms(10), "looks ahead without a time limit"),
         ("always(estimate.x > 0) and once(estimate.x > 0)", ms(10), "looks ahead without a time limit"),
-        ("once[11 ms, 19 ms](estimate.x > 0)", ms(10), "the interval of once contains no evaluation, because the monitor's period is 10 ms"),
+        (
+            "once[11 ms, 19 ms](estimate.x > 0)",
+            ms(10),
+            "the interval of once contains no evaluation, because the monitor's period is 10 ms",
+        ),
         ("always[0, 200 s](estimate.x > 0)", ms(1), "needs to store 20"),
         ("always(estimate.x >)", ms(10), "at column 20"),
     ],

@@ -34,7 +34,11 @@ SLIPS = {
     "math": (lambda x: math.sin(x.north), "`math.sin` is applied to a traced value", "jnp.sin"),
     "numpy": (lambda x: np.cos(x.north), "`np.cos` is applied to a traced value", "jnp.cos"),
     "float": (lambda x: float(x.north), "`float()` is applied to a traced value", "leave float() out"),
-    "range": (lambda x: [0 for _ in range(jnp.asarray(x.north, int))], "`range()` is applied to a traced value", "fixed number"),
+    "range": (
+        lambda x: [0 for _ in range(jnp.asarray(x.north, int))],
+        "`range()` is applied to a traced value",
+        "fixed number",
+    ),
     "misspelt": (lambda x: x.nort, "'Point' object has no attribute 'nort'", "write 'north' instead"),
     "shape": (lambda x: jnp.stack([x.north, jnp.zeros(2)]), "Cannot stack arrays", "correct that line"),
     "another name": (lambda x: nothing, "NameError: name 'nothing' is not defined", "define or import"),  # noqa: F821
