@@ -100,7 +100,7 @@ def test_a_cubic_that_would_not_rise_is_taken_back():
         replace(Thruster(), reverse_ratio=ratio).check()
     moved = np.linalg.norm((arrays[RATIO] - own) / own, axis=1)
     assert (moved > 1e-3).mean() > 0.99  # and not to where it was
-    assert any("moved back" in note for note in found.notes)
+    assert any("moved towards the calibrated" in note for note in found.notes)
 
 
 @pytest.mark.thorough
@@ -142,7 +142,7 @@ def test_what_is_not_drawn_is_said():
 
 def test_nothing_to_draw_is_refused():
     boat = Calibration({"Hovercraft.inertia": Entry(0.11, "kg m^2")})
-    with pytest.raises(InputError, match="gives no uncertainty"):
+    with pytest.raises(InputError, match="contains no standard error"):
         calibrated_spread(with_calibration(build(NAME), boat).scenario, boat)
 
 

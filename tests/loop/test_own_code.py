@@ -156,7 +156,9 @@ def test_refuses_a_fraction_where_the_first_state_is_whole():
     check_state("law", step, 1.5, 0.0)
     check_state("law", step, 1, 0)
     check_state("law", step, True, False)
-    with pytest.raises(InputError, match="has a float where init\\(\\) has an integer") as refused:
+    with pytest.raises(
+        InputError, match="has a float in place of an integer in the state that init\\(\\) returns"
+    ) as refused:
         check_state("law", step, 1.5, 0)
     assert refused.value.fix == "write 0.0 instead of 0 in init()"
 

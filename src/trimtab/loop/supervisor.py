@@ -1,4 +1,4 @@
-"""Supervisor, which decides whether the law's command or another command is sent. An optional part of the Autopilot.
+"""Supervisor, which decides whether the law's command or a neutral command is sent. An optional part of the Autopilot.
 
 Source: docs page, Supervisor.
 """
@@ -61,10 +61,10 @@ class PilotRequest:
 class SupervisorInput:
     """Input of the supervisor. Frames: the estimate's. Source: docs page, Supervisor."""
 
-    estimate: Estimate = part("Estimate of this instant.")
+    estimate: Estimate = part("Output of the estimator at this instant.")
     arrived: Scalar = quantity("1", "True if a new sample of any sensor has arrived over the link.", kind="flag")
     finite: Scalar = quantity("1", "True if all numbers of the law's command are finite.", kind="flag")
-    pilot: Any = part("Newest sample of the pilot's requests; None without a pilot.", default=None)
+    pilot: Any = part("Newest sample of the pilot's requests, or None without a pilot.", default=None)
 
 
 @record
@@ -76,7 +76,9 @@ class SupervisorState:
     since: Scalar = quantity("100 ns", "Time at which the mode was entered.", kind="time")
     back: Scalar = quantity("1", "Mode to return to when the link or the estimate recovers.", kind="mode", modes=MODES)
     sample_arrival: Scalar = quantity("100 ns", "Time at which the last sample arrived over the link.", kind="time")
-    refused: Scalar = quantity("1", "Check that refused the last request.", kind="mode", modes=CHECKS)
+    refused: Scalar = quantity(
+        "1", "Check that caused the refusal of the last refused request.", kind="mode", modes=CHECKS
+    )
     refusals: Scalar = quantity("1", "Number of refused requests.", kind="count")
     transitions: Scalar = quantity("1", "Number of mode changes.", kind="count")
 
@@ -88,7 +90,9 @@ class SupervisorOutput:
     mode: Scalar = quantity("1", "Mode of the supervisor.", kind="mode", modes=MODES)
     cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
     transitions: Scalar = quantity("1", "Number of mode changes.", kind="count")
-    refused: Scalar = quantity("1", "Check that refused the last request.", kind="mode", modes=CHECKS)
+    refused: Scalar = quantity(
+        "1", "Check that caused the refusal of the last refused request.", kind="mode", modes=CHECKS
+    )
     refusals: Scalar = quantity("1", "Number of refused requests.", kind="count")
     check: Scalar = quantity(
         "1",
