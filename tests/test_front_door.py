@@ -119,7 +119,7 @@ def test_a_duration_that_is_none_is_refused_in_words(duration, said):
 
 
 def test_what_is_no_scenario_is_refused():
-    with pytest.raises(trimtab.InputError, match="a int is not a scenario"):
+    with pytest.raises(trimtab.InputError, match="must be a Scenario or a scenario's name, got a int"):
         trimtab.simulate(3)
     with pytest.raises(trimtab.InputError, match="there is no such scenario"):
         trimtab.simulate("hovercraft/spn")
