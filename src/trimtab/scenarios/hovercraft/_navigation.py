@@ -45,7 +45,7 @@ Navigation = Annotated[
         "ins": "INS with IMU and ultrasonic fixes; dual filters, with feedback of the estimated errors",
         "ins-magnetometer": "INS as in ins, but with heading from a magnetometer instead of ultrasonic receivers",
         "ins-coupled": "INS with one filter for heading and motion, so that position fixes also correct the heading",
-        "ins-feedforward": "INS with the dual filters of the thesis; estimated errors are subtracted from the INS output",
+        "ins-feedforward": "INS with the dual filters of the thesis; estimated errors are subtracted from its output",
         "ins-direct": "INS with dual filters that estimate the state instead of its errors",
         "tight": "tightly coupled filter that uses the IMU and each raw range",
         "particle": "particle filter that uses the IMU and each raw range",
