@@ -91,7 +91,7 @@ def test_a_rotor_that_loses_a_part_of_its_speed_is_no_lost_one():
 
 
 def test_the_network_is_not_flown_without_a_rotor():
-    with pytest.raises(InputError, match="not trained for a lost rotor"):
+    with pytest.raises(InputError, match="not trained for flight with a failed rotor"):
         build("quadrotor/track", {"law": "neural", "motor": "1-fails"})
 
 

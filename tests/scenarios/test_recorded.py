@@ -109,10 +109,10 @@ def craft():
     )
     for name in (f"{own}:craft", "os:abort", "own:craft"):
         log = recorded(tmp_path, scenario, scenario=name, choices={})
-        with pytest.raises(InputError, match="not in the catalogue; no file is run"):
+        with pytest.raises(InputError, match="not in the catalogue; a file is not run only because"):
             rebuild_scenario(log)
         choices = {"scenario": name, "arguments": {}, "settings": {}, "without": [], "faults": []}
-        with pytest.raises(InputError, match="not in the catalogue; no file is run"):
+        with pytest.raises(InputError, match="not in the catalogue; a file is not run only because"):
             rebuild_scenario(recorded(tmp_path, scenario, scenario="hovercraft/spin", choices=choices))
     assert not mark.exists()
     check_alike(rebuild_scenario(recorded(tmp_path, scenario, scenario="os:abort"), f"{own}:craft"), scenario)

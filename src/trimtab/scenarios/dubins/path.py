@@ -1,5 +1,4 @@
-"""Drive a car with a minimum turning radius along the shortest path to a pose, over a radio link. A textbook
-example."""
+"""Drive a car with a minimum turning radius along the shortest path to a pose, over a radio link. Textbook example."""
 
 from typing import Annotated, Literal
 
