@@ -1,4 +1,4 @@
-"""Locate the end of a rotating arm by ultrasonic fixes, which are late and have no time stamp. Errors grow with speed."""
+"""Locate the end of a rotating arm by ultrasonic fixes, late and without time stamps. Errors grow with the speed."""
 
 import math
 from typing import Literal
