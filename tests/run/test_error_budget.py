@@ -70,7 +70,7 @@ def test_bad_input_is_refused(forward):
 
 def test_a_scenario_with_nothing_to_measure_is_refused_before_it_flies():
     told = []
-    with pytest.raises(InputError, match=r"nothing to measure(.|\n)*Fix: give the scenario targets"):
+    with pytest.raises(InputError, match=r"no error can be measured(.|\n)*Fix: add targets"):
         error_budget(catalogue.load_scenario("navigation/still")[0], seeds=range(2), tell=told.append)
     assert told == []
 
