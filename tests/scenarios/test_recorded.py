@@ -123,7 +123,7 @@ def craft():
 def test_a_scenario_that_is_built_otherwise_is_refused(tmp_path):
     for scenario in (build("hovercraft/zero-velocity"), catalogue.load_scenario("hovercraft/zero-velocity")[0]):
         parts = part_classes(scenario) | {"autopilot.law": "AnotherLaw"}
-        with pytest.raises(InputError, match=r"autopilot.law was AnotherLaw, is ZeroVelocity"):
+        with pytest.raises(InputError, match=r"autopilot.law was AnotherLaw, but now is ZeroVelocity"):
             rebuild_scenario(recorded(tmp_path, scenario, parts=parts))
     gone = recorded(tmp_path, scenario, scenario="hovercraft/gone")
     with pytest.raises(InputError, match=r"scenario=.file\.py:function"):
