@@ -147,7 +147,7 @@ class FrameWriter:
 def quaternion(attitude: Any) -> tuple[float, float, float, float]:
     """Return the quaternion (w, x, y, z) of the rotation from body frame B to world frame W.
 
-    angles: roll, pitch, yaw (rad), of the rotation sequence 3-2-1.
+    attitude: roll, pitch, yaw (rad), of the rotation sequence 3-2-1.
     """
     (cr, cp, cy), (sr, sp, sy) = (tuple(f(a / 2) for a in attitude) for f in (math.cos, math.sin))
     return (
