@@ -174,7 +174,7 @@ def compare(xp: Any, left: Any, relation: str, right: Any, sign: int) -> Any:
 def join(xp: Any, word: str, below: list[Any]) -> Any:
     """Return the robustness of a formula with the operator not, and, or, implies.
 
-    word: the operator.  values: robustness of the operands.
+    word: the operator.  below: robustness of the operands.
     """
     if word == "not":
         return -below[0]

@@ -94,7 +94,7 @@ def write_ros2_bag(folder: Path, motion: Any, imus: Mapping[str, Any], epoch: in
 
 
 def _keep_finite(rows: Any) -> Any:
-    """Return the rows in which all numbers are finite, for each of the given arrays."""
+    """Return the arrays with only those rows in which all numbers of all arrays are finite."""
     good = np.logical_and.reduce([np.isfinite(c).reshape(len(c), -1).all(axis=1) for c in rows])
     return type(rows)(*(c[good] for c in rows))
 
