@@ -41,8 +41,9 @@ MEASURED_STEPS = 300
 
 @record
 class SteppedWorldInput:
-    """Input of a compiled world whose vehicle is stepped by a host program. It has the fields of `WorldInput` and two
-    more.
+    """Input of a compiled world whose vehicle is stepped by a host program.
+
+    The record has the fields of `WorldInput`, and the fields `acts` and `truth`.
 
     Source: docs page, FMU.
     """
