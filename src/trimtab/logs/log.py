@@ -89,7 +89,7 @@ class Log:
         t = np.asarray(self.t, np.float64)
         if t.shape != ticks.shape or not (np.abs(t - to_seconds(ticks)) <= HALF_TICK).all():
             raise InputError(
-                "log", "t and ticks must be the same instants", fix="give t=to_seconds(ticks), from trimtab.core.time"
+                "log", "t and ticks must be the same instants", fix="pass t=to_seconds(ticks), from trimtab.core.time"
             )
         signals = {str(path): _check_signal(str(path), values, len(ticks)) for path, values in self.signals.items()}
         _check_paths(signals)

@@ -17,7 +17,7 @@ from trimtab.core.quantity import Quantity
 from trimtab.logs.log import Log, to_plain
 
 Fields = dict[str, tuple[str, ...]]
-"""Path of a signal -> keys under which its value is nested in a message."""
+"""Path of a signal -> keys under which the signal's value is nested in a message."""
 GROUPED = ("sensors", "downlink")
 """Blocks of the loop with several members, e.g. sensors. Each member has a separate topic in the log file."""
 NOTE = "One message an instant. In numbers null stands for NaN, 1e999 for infinity."

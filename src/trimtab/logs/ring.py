@@ -79,7 +79,7 @@ class Ring:
         size = HEAD + 8 * rows * (columns + 1) + TEXT * events
         if SHARED.is_dir() and shutil.disk_usage(SHARED).free < size:
             problem = f"{size / 1e6:.1f} MB do not fit into {SHARED}"
-            fix = "give fewer rows, or more shared memory, e.g. docker run --shm-size=1g"
+            fix = "use fewer rows, or provide more shared memory, e.g. docker run --shm-size=1g"
             raise InputError("ring", problem, fix=fix)
         try:
             memory = shared_memory.SharedMemory(name or None, create=True, size=size)

@@ -298,7 +298,7 @@ def main() -> None:
                 limit=None if orders["limit"] is None else LogLimit(*orders["limit"]),
             )
         except OSError as error:
-            fix = "give the path of a new file, in a folder that you can write to"
+            fix = "use the path of a new file, in a folder that you can write to"
             problem = f"cannot be written: {error.strerror or error}"
             raise InputError(f"log file '{orders['path']}'", problem, fix=fix) from None
     except InputError as error:

@@ -36,14 +36,14 @@ class AutopilotState:
     output: Any = part("Last output of the law.")
     command: Any = part("Last command.")
     seen: Any = part("Measurement time of each sample of the last frame, by sensor name.")
-    supervisor: Any = part("State of the supervisor; empty without a supervisor.", default=())
-    supervised: Any = part("Last output of the supervisor; empty without a supervisor.", default=())
+    supervisor: Any = part("State of the supervisor, or empty without a supervisor.", default=())
+    supervised: Any = part("Last output of the supervisor, or empty without a supervisor.", default=())
     first: Any = part(
         "Initial state of the law. The law restarts from this state at each flight that a supervisor starts.",
         default=(),
     )
-    predictor: Any = part("State of the predictor, with its last prediction; empty without a predictor.", default=())
-    monitor: Any = part("State of the monitor; empty without a monitor.", default=())
+    predictor: Any = part("State of the predictor, with its last prediction, or empty without a predictor.", default=())
+    monitor: Any = part("State of the monitor, or empty without a monitor.", default=())
 
     def last_prediction(self) -> Any:
         """Return the last prediction, or () without a predictor."""

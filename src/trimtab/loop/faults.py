@@ -46,7 +46,9 @@ class Fault:
     kind: Scalar = quantity("1", "Kind of fault.", kind="mode", modes=WORDS, default=NONE, low=0, high=len(WORDS) - 1)
     start: Scalar = quantity("100 ns", "Start of the fault.", kind="time", default=0)
     duration: Scalar = quantity("100 ns", "Duration of the fault.", kind="time", default=FOREVER, low=0)
-    severity: Scalar = quantity("1", "Severity of the fault; its meaning depends on the kind of fault.", default=1.0)
+    severity: Scalar = quantity(
+        "1", "Severity of the fault. The meaning of the number depends on the kind of fault.", default=1.0
+    )
     bias: Scalar = quantity(
         "1",
         "Bias that a fault of kind `wrong` adds to every real number of the part's output, in the number's unit.",

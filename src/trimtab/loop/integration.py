@@ -57,8 +57,8 @@ class IntegrationReport:
 class Integration:
     """Integration of the true state from instant to instant: method, tolerances, and limits on steps and events.
 
-        rk4           one step of order four, of fixed length; the error is estimated by an embedded formula
-        rk4-doubling  the step of rk4; the error is estimated from two steps of half the length
+        rk4           one step of order four, of fixed length, with an error estimate by an embedded formula
+        rk4-doubling  the same step, with an error estimate from two steps of half the length
         rk45          steps of order five, of variable length: for smooth motion with fast phases
         rosenbrock    linearly implicit steps of order four, of variable length: for stiff systems
 

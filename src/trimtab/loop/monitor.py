@@ -56,7 +56,7 @@ class MonitorInput:
     law: Any = part("Output of the law.")
     command: Any = part("Command as issued by the autopilot.")
     downlink: Any = part("Newest received sample of each sensor.")
-    supervisor: Any = part("Output of the supervisor; empty without a supervisor.", default=())
+    supervisor: Any = part("Output of the supervisor, or empty without a supervisor.", default=())
 
 
 @record
@@ -96,7 +96,7 @@ class Monitor:
         default="",
     )
     period: int = period(
-        "Time between two evaluations of the formulas; a multiple of the control period.", default=ms(10)
+        "Time between two evaluations of the formulas. It must be a multiple of the control period.", default=ms(10)
     )
 
     def check(self) -> None:

@@ -89,7 +89,7 @@ def _peers(received: PeerMessage) -> Peers:
 
 @record
 class SwarmNavigation:
-    """Sensor of a swarm. It takes one sample per slot: the navigation of each craft and the messages it has received.
+    """Sensor of a swarm: navigation of each craft, and messages received by each craft. One sample per time slot.
 
     Frames: those of navigation and messages. Source: docs page, Swarms.
     """

@@ -79,7 +79,7 @@ class SentInputs:
     Source:  docs page, Predictor.
     """
 
-    start: Scalar = quantity("100 ns", "Time at which the input starts to act; NEVER in an empty slot.", kind="time")
+    start: Scalar = quantity("100 ns", "Time at which the input starts to act, or NEVER in an empty slot.", kind="time")
     u: Any = part("Input of the vehicle.")
 
 
@@ -87,7 +87,7 @@ class SentInputs:
 class PastPredictions:
     """Ring buffer of recent predicted states, with one slot per sent command. Source: docs page, Predictor."""
 
-    t: Scalar = quantity("100 ns", "Time for which the state was predicted; NEVER in an empty slot.", kind="time")
+    t: Scalar = quantity("100 ns", "Time for which the state was predicted, or NEVER in an empty slot.", kind="time")
     state: Any = part("Predicted state.")
 
 
@@ -113,9 +113,10 @@ class Predictor:
     measurement, so that model errors do not accumulate beyond one horizon. A command is sent every `period`. Between
     two commands, prediction and demand do not change.
 
-    Known quantities: age of the measurement, from the sample's time stamp; mean delay of commands, `uplink_delay`.
-    Not modelled: jitter of the uplink, and lost commands. Commands are assumed to arrive after the mean delay.
-    Source:  O. J. M. Smith, "Closer control of loops with dead time", Chem. Eng. Prog. 53 (1957); A. Z. Manitius,
+    Known quantities: age of the measurement (from the sample's time stamp), and mean delay of commands
+    (`uplink_delay`). Not modelled: jitter of the uplink, and lost commands. Commands are assumed to arrive after the
+    mean delay. Source:  O. J. M. Smith, "Closer control of loops with dead time", Chem. Eng. Prog. 53 (1957); A. Z.
+    Manitius,
              A. W. Olbrot, "Finite spectrum assignment problem for systems with delays", IEEE TAC 24 (1979), for the
              prediction from a measured state over the inputs in transit.
     """

@@ -57,7 +57,7 @@ class SetpointSchedule:
                 f"times must rise, and each time needs one value; got {np.size(times)} times, {np.size(values)} values"
             )
             raise InputError(
-                f"schedule of {self.path}", problem, fix="give one value for each time, and the times in rising order"
+                f"schedule of {self.path}", problem, fix="write one value for each time, and the times in rising order"
             )
 
     def at(self, seconds: Any, before: Any) -> Any:

@@ -28,8 +28,8 @@ def with_settings(tree: T, settings: Mapping[str, Any]) -> T:
     >>> with_settings(build("hovercraft/spin"), {"world.vehicle.mass": "3000 g"}).world.vehicle.mass
     3.0
 
-    A number may have a unit, e.g. ``3 kg``. To replace a part, set its path to the name of a class, e.g.
-    ``world.uplink=Wire``; settings of paths below it then apply to the new part (see `loop.parts`). A setting of an
+    A number may have a unit, e.g. ``3 kg``. To replace a part, set the path of the part to the name of a class, e.g.
+    ``world.uplink=Wire`` (see `loop.parts`). Settings of the part's fields then apply to the new part. A setting of an
     optional part, e.g. of the hovercraft's friction, adds this part to the scenario.
     """
     tree, rest = with_parts(tree, texts_of(settings))

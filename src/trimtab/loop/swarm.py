@@ -1,4 +1,4 @@
-"""Swarm of n craft in one control loop. Each craft has its own copy of every part, its own state and random key.
+"""Swarm of n craft in one control loop. Each craft has a separate copy of every part, a state and a random key.
 
 The parts are defined for one craft. `Each` steps n copies of a part with jax.vmap. Copy i receives only element i of
 the inputs. Therefore a craft can depend on other craft only through received radio messages (`loop.peer_radio`).

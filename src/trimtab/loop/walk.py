@@ -34,13 +34,13 @@ class Signals:
     command: Any = part("Command as issued by the autopilot.")
     uplink: Any = part("Newest command received by the actuators, with its age.")
     actuators: Any = part("Output of the actuators.")
-    supervisor: Any = part("Output of the supervisor; empty without a supervisor.", default=())
+    supervisor: Any = part("Output of the supervisor, or empty without a supervisor.", default=())
     world: Any = part(
-        "Diagnostics of the integrator since the last instant; empty for the default integrator.", default=()
+        "Diagnostics of the integrator since the last instant, or empty for the default integrator.", default=()
     )
-    predictor: Any = part("Output of the predictor; empty without a predictor.", default=())
-    monitor: Any = part("Output of the monitor for each formula; empty without a monitor.", default=())
-    gust: Any = part("Gust velocity at the vehicle due to turbulence; empty without turbulence.", default=())
+    predictor: Any = part("Output of the predictor, or empty without a predictor.", default=())
+    monitor: Any = part("Output of the monitor for each formula, or empty without a monitor.", default=())
+    gust: Any = part("Gust velocity at the vehicle due to turbulence, or empty without turbulence.", default=())
 
 
 class WalkResult(NamedTuple):

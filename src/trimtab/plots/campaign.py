@@ -95,7 +95,7 @@ def _axis_positions(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any,
             f"each run needs a finite value of each parameter, and success; got {len(names)} parameters of"
             f" {table.shape[1:]} runs, and success of {runs}"
         )
-        raise InputError("plot_parallel", problem, fix="give one finite number for each run and parameter")
+        raise InputError("plot_parallel", problem, fix="use one finite number for each run and parameter")
     low, high = table.min(axis=1), table.max(axis=1)
     place = (table - low[:, None]) / np.where(high > low, high - low, 1.0)[:, None]
     place[high == low] = 0.5

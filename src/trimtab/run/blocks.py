@@ -50,9 +50,9 @@ class AutopilotOutput:
     command: Any = part("Command for the actuators.")
     estimate: Any = part("Output of the estimator.")
     law: Any = part("Output of the law.")
-    supervisor: Any = part("Output of the supervisor; empty without a supervisor.", default=())
-    predictor: Any = part("Output of the predictor; empty without a predictor.", default=())
-    monitor: Any = part("Output of the monitor for each formula; empty without a monitor.", default=())
+    supervisor: Any = part("Output of the supervisor, or empty without a supervisor.", default=())
+    predictor: Any = part("Output of the predictor, or empty without a predictor.", default=())
+    monitor: Any = part("Output of the monitor for each formula, or empty without a monitor.", default=())
 
 
 @record
@@ -87,7 +87,7 @@ class WorldOutput:
     uplink: Any = part("Newest command that the actuators had received at the last instant.")
     actuators: Any = part("Output of the actuators since the last instant.")
     gust: Any = part(
-        "Gust velocity at the vehicle due to turbulence, at this instant; empty without turbulence.", default=()
+        "Gust velocity at the vehicle due to turbulence, at this instant, or empty without turbulence.", default=()
     )
 
 

@@ -50,8 +50,9 @@ class Cost(NamedTuple):
 class ErrorBudget(NamedTuple):
     """Effects of all imperfections. Their sum may differ from the total, because imperfections interact.
 
-    units: measure -> unit.  whole: measure -> value and standard error, with all imperfections.  least: the same
-    without imperfections.  costs: effects of the imperfections, the largest first.
+    units: name of a measure -> unit.  whole: name of a measure -> value and standard error, with all imperfections.
+    least: name of a measure -> value and standard error, without imperfections.  costs: effects of the imperfections,
+    the largest first.
     """
 
     units: Mapping[str, str]

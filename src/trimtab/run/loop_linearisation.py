@@ -290,7 +290,7 @@ def _count_round(tick: int, count: int, round_time: float) -> int:
     rounds = round(seconds(round_time) / (tick * count))
     if rounds < 1 or rounds * tick * count != seconds(round_time):
         problem = f"must be a multiple of the loop's period of {to_seconds(tick * count):g} s, got {round_time:g} s"
-        raise InputError(argument_name("round"), problem, fix="use the time of as many laps as make such a multiple")
+        raise InputError(argument_name("round"), problem, fix="use the time of several laps that is such a multiple")
     if rounds * count > MOST_INSTANTS:
         problem = f"{round_time:g} s are {rounds * count} instants, but must be at most {MOST_INSTANTS} instants"
         raise InputError(

@@ -34,7 +34,7 @@ CALIBRATION = "calibration"
 REFERENCE = "reference"
 PREDICTOR = "predictor"
 SPECIAL = (*LINKS, *link_latency.SETTINGS, MISMATCH, CALIBRATION, REFERENCE, PREDICTOR, GAIN)
-"""Names of those settings of a scenario that are not the path of a field."""
+"""Names of settings of a scenario that are not paths of fields."""
 SWITCH = {
     "off": "the law reads the estimate unchanged",
     "on": "a predictor propagates the estimate over the delay of both links, with the commands in transit",
@@ -73,13 +73,12 @@ def build(
         settings: path of a field -> text or number, in the notation of ``--set``. A value such as
             ``steps(0 s: 1, 5 s: 2)`` changes in flight (`loop.setpoint_schedule`). Settings override a calibration.
             The following names are not paths of fields:
-            "uplink", "downlink": file of a link recording, which is replayed instead of the simulated link.
-            "uplink.delay", "uplink.jitter", "uplink.loss", and the same for "downlink": see `loop.link_latency`.
+            "uplink", "downlink": file with a recording of a radio link, which is replayed instead of the simulated
+            link. "uplink.delay", "uplink.jitter", "uplink.loss", and the same for "downlink": see `loop.link_latency`.
             "mismatch": vehicle models in the autopilot that may differ from each other (`loop.model_mismatch`).
-            "calibration": file written by `trimtab calibrate`.
-            "predictor": "on" or "off" (`loop.predictor`).
-            "reference": path that the law follows (`loop.reference_text`).
-            "gain": file of a feedback gain that replaces the law (`scenarios.gain_file`).
+            "calibration": file written by `trimtab calibrate`. "predictor": "on" or "off" (`loop.predictor`).
+            "reference": path that the law follows (`loop.reference_text`). "gain": file of a feedback gain that
+            replaces the law (`scenarios.gain_file`).
         without: imperfections to switch off.
         faults: faults to inject, in the notation of ``--fault``.
         calibration: calibration, if it is not given as a file.

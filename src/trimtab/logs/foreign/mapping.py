@@ -237,7 +237,7 @@ def _components(where: str, key: str, value: Any, size: int) -> Any:
         raise InputError(
             where,
             f"{key} has {len(numbers)} numbers, but there are {size} columns",
-            fix="give one number for each column",
+            fix="write one number for each column",
         )
     return numbers[0] if len(numbers) == 1 else np.array(numbers)
 

@@ -28,14 +28,16 @@ WEIGHTS = {
     "published": ((1000.0, 0.0, 1500.0), (0.0, 0.0, 0.0, 115_000.0, 8_100.0)),
     "actuators": ((500.0, 100.0, 200.0), (1000.0, 0.0, 1000.0, 2000.0, 8_100.0)),
 }
-"""Weights of the LQR design, by name: longitudinal, then lateral. A surface deflection of one degree has weight 1.
+"""Name of a set of LQR weights -> longitudinal weights and lateral weights. A surface deflection of one degree has
+weight 1.
 
 Longitudinal states: angle of attack (1/rad²), pitch rate, integral of load factor (1/s²). Lateral states: sideslip,
 roll rate, yaw rate, integral of roll rate, integral of the sum of side load and yaw rate.
 
-published: longitudinal weights of AeroBenchVV, BuildLongitudinalLqrCtrl. The lateral weights are computed from that
-program's lateral gains by Q = K'R K, with weights on the integrals only, and rounded. Its own lateral weights, 1200 and
-3000, do not give its gains. actuators: chosen for surfaces with lag and for a loop with delay.
+published: longitudinal weights of AeroBenchVV, BuildLongitudinalLqrCtrl. The lateral weights are computed from the
+lateral gains of AeroBenchVV by Q = K'R K, with weights on the integrals only, and rounded, because the gains of
+AeroBenchVV do not follow from the lateral weights 1200 and 3000 in that program. actuators: weights chosen for surfaces
+with lag and for a loop with delay.
 """
 
 

@@ -42,7 +42,7 @@ Navigation = Annotated[
     Kind,
     {
         "errors": "true state with random errors from the thesis's model of navigation errors",
-        "ins": "INS with IMU and ultrasonic fixes; dual filters, with feedback of the estimated errors",
+        "ins": "INS with IMU, ultrasonic fixes and dual filters, whose estimated errors are fed back to the INS",
         "ins-magnetometer": "INS as in ins, but with heading from a magnetometer instead of ultrasonic receivers",
         "ins-coupled": "INS with one filter for heading and motion, so that position fixes also correct the heading",
         "ins-feedforward": "INS with the dual filters of the thesis; estimated errors are subtracted from its output",

@@ -18,7 +18,9 @@ def scenario(
     integral: Integral = "on",
     truth: Truth = "paper",
 ) -> Scenario:
-    """Return the scenario. frequency: ratio of both modal frequencies of the simulated vehicle to those of the model.
+    """Return the scenario.
+
+    frequency: factor on both modal frequencies of the simulated vehicle, relative to the model.
 
     With the filter settings printed in the paper (`filter=printed`), the vehicle is lost.
     """
