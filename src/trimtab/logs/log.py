@@ -179,10 +179,7 @@ class Log:
         return self.signals[path]
 
     def declaration(self, path: str) -> Quantity | None:
-        """Return the declaration of a signal, or None if it has no declaration.
-
-        path: path of the signal, or of an element of a vector.
-        """
+        """Return the declaration of a signal, or of an element of a vector, or None if it has no declaration."""
         return self.declarations.get(split_component(path)[0] if path not in self.declarations else path)
 
     def unit(self, path: str) -> str:

@@ -1,7 +1,6 @@
 """Faults of sensors, links and actuators: kind, start, duration and severity, and the records that apply a fault.
 
-Sensors, links and actuators have the same kinds of faults. The docs page Faults describes the effect of each kind on
-each of them.
+The kinds of faults are the same for all of them. The docs page Faults describes the effect of each kind.
 """
 
 import zlib
@@ -27,8 +26,7 @@ NONE, OFF, STUCK, GARBAGE, WRONG, SLOW, DELAYED, INTERMITTENT = range(len(WORDS)
 NAN_BEYOND = 1.5
 """Magnitude of a standard normal draw above which a garbage value is NaN. This happens in 13 % of the draws."""
 LINK_STREAM = zlib.crc32(b"fault of a channel")
-"""Number of the random stream of a link's faults. All values of a message use this stream, so a fault affects the
-complete message."""
+"""Number of the random stream of a link's faults. All values of a message use it, so a fault affects all of them."""
 
 
 @record
@@ -46,30 +44,17 @@ class Fault:
     kind: Scalar = quantity("1", "Kind of fault.", kind="mode", modes=WORDS, default=NONE, low=0, high=len(WORDS) - 1)
     start: Scalar = quantity("100 ns", "Start of the fault.", kind="time", default=0)
     duration: Scalar = quantity("100 ns", "Duration of the fault.", kind="time", default=FOREVER, low=0)
-    severity: Scalar = quantity(
-        "1", "Severity of the fault. The meaning of the number depends on the kind of fault.", default=1.0
-    )
+    severity: Scalar = quantity("1", "Severity of the fault. Its meaning depends on the kind of fault.", default=1.0)
     bias: Scalar = quantity(
-        "1",
-        "Bias that a fault of kind `wrong` adds to every real number of the part's output, in the number's unit.",
-        default=0.0,
+        "1", "Bias that a fault of kind `wrong` adds to every real number, in the number's unit.", default=0.0
     )
-    level: Scalar = quantity(
-        "1", "Value of the watched signal at which the fault begins, in the unit of the signal.", default=0.0
-    )
-    watch: str = option(
-        "Path of the signal that triggers the fault. If it is empty, the fault begins at `start`.", default=""
-    )
+    level: Scalar = quantity("1", "Value of the watched signal at which the fault begins, in its unit.", default=0.0)
+    watch: str = option("Path of the signal that triggers the fault. Empty: the fault begins at `start`.", default="")
     side: str = option(
-        "Condition of the trigger: the watched signal is above or below `level`.",
-        default="above",
-        choices=("above", "below"),
+        "Side of `level` on which the signal triggers the fault.", default="above", choices=("above", "below")
     )
     slot: int = period("Length of each on or off interval of a fault of kind `intermittent`.", default=ms(100))
-    field: str = option(
-        "Field or array element of the actuators' output that the fault affects, e.g. speed[1]. Empty: all fields.",
-        default="",
-    )
+    field: str = option("Affected field or element of the actuators' output, e.g. speed[1]. Empty: all.", default="")
 
     def check(self) -> None:
         """Raise InputError for a severity that is invalid for the kind of fault."""
@@ -86,10 +71,7 @@ class Fault:
             raise InputError("severity", problem, fix="choose another severity, e.g. by 0.5, by 2")
 
     def begin_time(self, t: Any, begin: Any, signals: Any) -> Any:
-        """Return the time at which the fault began (100 ns), or NEVER if the fault has not begun.
-
-        t: present time (100 ns).  begin: result of the previous call.  signals: signals that can trigger the fault.
-        """
+        """Return the time at which the fault began (100 ns), or NEVER. begin: result of the previous call."""
         if not self.watch:
             return jnp.where(t >= self.start, jnp.asarray(self.start, np.int64), NEVER)
         number = jnp.asarray(signal_value(signals, self.watch), np.float64)
@@ -113,17 +95,11 @@ class Fault:
         return number % n != 0
 
     def delay_steps(self, step: int, capacity: int) -> Any:
-        """Return the delay as a number of time steps of length `step` (100 ns).
-
-        The delay is limited to the capacity (number of slots) of the ring buffer.
-        """
+        """Return the delay as a number of time steps `step` (100 ns), limited to the ring buffer's capacity."""
         return jnp.clip(jnp.round(self.severity / to_seconds(step)), 0, capacity - 1).astype(np.int32)
 
     def check_ring(self, step: int, capacity: int) -> None:
-        """Raise InputError if the delay is longer than the ring buffer can store.
-
-        step: time from one slot of the ring buffer to the next (100 ns).  capacity: number of slots.
-        """
+        """Raise InputError for a delay too long for a ring buffer with `capacity` slots, one per `step` (100 ns)."""
         longest = to_seconds(step) * (capacity - 1)
         if int(self.kind) == DELAYED and float(self.severity) > longest + 1e-9:
             needed = delay_slots(float(self.severity), step)
@@ -140,10 +116,7 @@ class Fault:
         return jax.tree.map(leaf, value)
 
     def garbage_value(self, key: Key, index: Any, value: Any) -> Any:
-        """Return a record of the same structure as `value`, filled with NaN or random numbers.
-
-        The random numbers have the standard deviation severity times max(1, |value|).
-        """
+        """Return NaN or random numbers, with standard deviation severity max(1, |value|), instead of each value."""
 
         def garbage(v: Any, z: Any) -> Any:
             if v.dtype == np.bool_:
@@ -155,16 +128,12 @@ class Fault:
         return _replace_by_draws(garbage, key, index, value)
 
     def random_input(self, key: Key, index: Any, u: Any) -> Any:
-        """Return a random input of the vehicle: each value is normally distributed with standard deviation
-        `severity`."""
+        """Return a random input of the vehicle, normally distributed with standard deviation `severity`."""
         return _replace_by_draws(lambda v, z: (self.severity * z).astype(v.dtype), key, index, u)
 
 
 def _replace_by_draws(function: Callable[[Any, Any], Any], key: Key, index: Any, tree: Any) -> Any:
-    """Return the tree with each leaf replaced by function(leaf, draws).
-
-    draws: standard normal draws, an array of the shape of the leaf.
-    """
+    """Return the tree with each leaf replaced by function(leaf, standard normal draws of the leaf's shape)."""
     leaves, structure = jax.tree.flatten(tree)
     sizes = [int(np.prod(np.shape(v))) for v in leaves]
     draws, out, k = normals(key, index, sum(sizes)), [], 0
@@ -283,10 +252,7 @@ def _select(condition: Any, a: Any, b: Any) -> Any:
 def apply_to_output(
     t: Any, s: FaultMemory, fault: Fault, output: Any, neutral: Any, signals: Any, *, step: int
 ) -> tuple[FaultMemory, Any]:
-    """Return the new memory of a fault, and the actuators' output after the effect of the fault.
-
-    neutral: output of the actuators at rest.
-    """
+    """Return the fault's new memory, and the actuators' output with the fault. neutral: actuators' output at rest."""
     k, capacity = t // step, jax.tree.leaves(s.ring)[0].shape[0]
     output = cast_like(output, s.output)
     begin = fault.begin_time(t, s.begin, signals)
@@ -328,10 +294,7 @@ class FaultyPart:
         self.fault.check_ring(self.period, self.capacity)
 
     def initial_state(self, inner: Any, input: Any, key: Key) -> FaultyState:
-        """Return the initial state of a faulty sensor or channel.
-
-        inner: initial state of the sensor or channel.  input: example of its input.
-        """
+        """Return the initial state of a faulty sensor or channel. inner: state of the part. input: example of input."""
         try:
             sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, input)
         except AttributeError as error:
@@ -353,9 +316,7 @@ class FaultySensor(FaultyPart):
 
     inner: Any = part("Sensor.")
     fault: Fault = part("Fault of the part `inner`.", default=Fault())
-    example: Any = part(
-        "Example of the sensor's input. Needed only for a sensor that does not measure the motion.", default=None
-    )
+    example: Any = part("Example of the sensor's input, if the sensor does not measure the motion.", default=None)
     capacity: int = option("Capacity of the ring buffer: samples in the longest delay, plus 1.", default=2)
 
     @property

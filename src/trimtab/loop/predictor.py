@@ -152,7 +152,7 @@ class Predictor:
                 fix="set e.g. the predictor's period to 20 ms and the period of its actuators to 10 ms",
             )
         if self.horizon < self.period:
-            problem = f"must be at least the period, {format_time(self.period)}, got {format_time(self.horizon)}"
+            problem = f"must be at least as long as the predictor's period, got {format_time(self.horizon)}"
             raise InputError(
                 "horizon", problem, fix=f"set the horizon to {format_time(self.period)} or more, e.g. 500 ms"
             )

@@ -37,10 +37,7 @@ LOSS_COUNTERS = ("log.dropped", "log.unwritten")
 
 
 class Divergence(NamedTuple):
-    """First difference between two runs.
-
-    t: time (s).  path: path of the signal that differs.  recorded, replayed: values of the component that differs.
-    """
+    """First difference between two runs: time (s), path of the signal, both values of the differing component."""
 
     t: float
     path: str
@@ -55,8 +52,7 @@ class Replay(NamedTuple):
     True if all bits must be equal, because backend and type of machine are those of the recording.  equal: True if the
     required accuracy is reached.  first: first difference that is not accepted, or None.  worst: path of a signal ->
     largest difference, as a fraction of the signal's largest magnitude.  backend: backend of the replay.  end_reason:
-    reason why the replay ended before the end of the log, or "".  changed: True if another autopilot than the recorded
-    one was run, so that outputs may differ.
+    reason why the replay ended before the log, or "".  changed: True if another autopilot was run.
     """
 
     recorded_log: Log
@@ -83,11 +79,9 @@ def replay(log: Log, scenario: Scenario | str | None = None, *, autopilot: Any =
     within TOLERANCE.
 
     Args:
-        log: log of `simulate`, with a row at each control instant, or log of a flight. The samples are the signals
-            ``downlink`` in the log.
+        log: log of a flight, or of `simulate` with a row at each control instant. Its signals ``downlink`` are used.
         scenario: recorded scenario, or its name. None: the scenario is rebuilt from the log's metadata.
-        autopilot: autopilot with the same sensors to run instead of the recorded one. Its commands have no effect on
-            the samples, because these are recorded.
+        autopilot: autopilot with the same sensors to run instead of the recorded one. The samples are still the same.
         backend: "c", "jax" or "auto", as in `simulate`.
 
     Raises:
@@ -198,9 +192,7 @@ def _find_flight_steps(log: Log) -> tuple[Any, str]:
     missing = np.sum([log[name] for name in LOSS_COUNTERS if name in log], axis=0)
     if missing[0]:
         raise InputError(
-            "replay",
-            f"the log lacks the first {missing[0]} control steps",
-            fix="use a log that begins with the first step",
+            "replay", f"the log lacks its first {missing[0]} steps", fix="use a log that begins with the first step"
         )
     whole = int(np.argmax(missing > 0)) if missing.any() else len(log)
     return np.arange(whole), f"the log lacks steps after {log.t[whole - 1]:g} s" if whole < len(log) else ""
@@ -229,10 +221,7 @@ def _changes_by_step(steps: RecordedSteps, changes: Sequence[AutopilotChange]) -
 
 
 def step_c(step: CompiledBlock, steps: RecordedSteps, changes: Sequence[AutopilotChange] = ()) -> dict[str, Any]:
-    """Return the outputs of a compiled block for n recorded steps: path of the output -> values (n, …).
-
-    changes: changes of the autopilot's parameters in flight.
-    """
+    """Return the outputs of a compiled block for n recorded steps, path -> values. changes: changes of parameters."""
     rows, by_step = np.empty((len(steps.inputs), len(step.outputs))), _changes_by_step(steps, changes)
     for k, row in enumerate(steps.inputs):
         for change in by_step.get(k, ()):

@@ -61,7 +61,7 @@ def build(
     in_virtual_time: bool = True,
     gain: "Certificate | None" = None,
 ) -> Scenario:
-    """Build the named scenario with the given settings, and check the scenario.
+    """Build the named scenario with the given settings and check it. Its field `choices` records the arguments.
 
     >>> from trimtab import build
     >>> build("hovercraft/spin", {"links": "measured", "world.vehicle.mass": "3000 g"}).world.vehicle.mass
@@ -70,22 +70,18 @@ def build(
     Args:
         name: a name in the catalogue, or ``file.py:function``, or a scenario file, ``file.toml``
             (`scenarios.toml_file`). `settings` override the settings in a scenario file.
-        settings: path of a field -> text or number, in the notation of ``--set``. A value such as
-            ``steps(0 s: 1, 5 s: 2)`` changes in flight (`loop.setpoint_schedule`). Settings override a calibration.
-            The following names are not paths of fields:
+        settings: path of a field -> text or number, as after ``--set``. They override a calibration. A value such as
+            ``steps(0 s: 1, 5 s: 2)`` changes in flight (`loop.setpoint_schedule`). These names are not paths of fields:
             "uplink", "downlink": file with a recording of a radio link, which is replayed instead of the simulated
             link. "uplink.delay", "uplink.jitter", "uplink.loss", and the same for "downlink": see `loop.link_latency`.
             "mismatch": vehicle models in the autopilot that may differ from each other (`loop.model_mismatch`).
             "calibration": file written by `trimtab calibrate`. "predictor": "on" or "off" (`loop.predictor`).
             "reference": path that the law follows (`loop.reference_text`). "gain": file of a feedback gain that
             replaces the law (`scenarios.gain_file`).
-        without: imperfections to switch off.
-        faults: faults to inject, in the notation of ``--fault``.
+        without: imperfections to switch off.  faults: faults to inject, in the notation of ``--fault``.
         calibration: calibration, if it is not given as a file.
         in_virtual_time: True if the flight ends after the scenario's duration. A fault after this time is an error.
         gain: feedback gain, if it is not given as a file.
-
-    The field `choices` of the returned scenario records these arguments.
 
     Raises: InputError for an invalid argument. The message says what to type instead.
     """
