@@ -78,5 +78,5 @@ def test_rejects_function_without_example_and_suggests_one(tmp_path: Path) -> No
     command = [sys.executable, "-m", "trimtab", "export", f"{path}:f", "--out", str(tmp_path / "c")]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 2
-    assert "argument 'x' of its function has no default" in done.stderr
+    assert "argument 'x' of the scenario's function has no default" in done.stderr
     assert "example = (" in done.stderr

@@ -77,7 +77,7 @@ def test_replays_with_another_estimator_and_gain_and_plots(file, tmp_path):
     picture = tmp_path / "made" / "replay.png"
     done = call(file, "--with", f"estimator={__name__}:blind", "--with", "law.spinning.k2=5", "--plot", picture)
     assert done.exit_code == 0, done.output
-    assert "400 steps flown with another autopilot" in done.stdout
+    assert "400 steps repeated with another autopilot" in done.stdout
     assert "yaw_rate: rms error" in done.stdout
     assert picture.stat().st_size > 5000
 
@@ -99,7 +99,7 @@ def test_replacement_parts_are_the_choices_of_the_scenario(file):
         ("estimator=here/mine.py:make", r"name the module, from the folder that contains it: mine:make"),
         (f"estimator={__name__}:number", "returns int, which is not a record"),
         ("law.spinning.k3=5", "no such setting"),
-        ("estimator=ins", r"reads sensor 'imu', but this flight has samples only of(.|\n)*--navigation ins"),
+        ("estimator=ins", r"reads sensor 'imu', but the recorded flight has only(.|\n)*--navigation ins"),
     ],
 )
 def test_rejects_unknown_replacement_parts(file, choice, said):

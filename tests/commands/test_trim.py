@@ -269,7 +269,7 @@ def test_vehicle_on_prescribed_path_rests_at_zero_rate():
     assert x["attitude.roll"] == pytest.approx(0.0, abs=1e-9)
     assert x["rate"] == pytest.approx(0.0, abs=1e-9)
     for words in ("speed=30", "velocity.forward=free", "attitude.yaw'=0.1"):
-        with pytest.raises(InputError, match="is only recorded") as said:
+        with pytest.raises(InputError, match="only records the motion") as said:
             find_point(plant, (words,))
         assert '"rate"' in str(said.value)
 

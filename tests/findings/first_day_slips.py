@@ -60,7 +60,9 @@ SLIPS = {
     "function of math by its name": Slip(
         LAW, RETURN, before("from math import sin; off = sin(off)"), ":43: Python's `sin` on", "use jnp.sin"
     ),
-    "number is taken out": Slip(LAW, RETURN, before("off.item()"), ":43: `.item()` of a traced", "leave .item() out"),
+    "number is taken out": Slip(
+        LAW, RETURN, before("off.item()"), ":43: `.item()` is applied to a traced", "leave .item() out"
+    ),
     "number is printed": Slip(LAW, RETURN, before("print(f'{off:.2f}')"), ":43: unsupported format", "jax.debug.print"),
     "misspelt field of the output": Slip(
         LAW, "MyLawOutput(demand, off)", "MyLawOutput(demand, of_course=off)", ":43: MyLawOutput", "write off_course=…"
@@ -86,7 +88,7 @@ SLIPS = {
         "same structure as from init()",
     ),
     "init without key": Slip(
-        LAW, "def init(self, key: Any)", "def init(self)", ":34: init() must take (key)", "self, key"
+        LAW, "def init(self, key: Any)", "def init(self)", ":34: init() must have the arguments (key)", "self, key"
     ),
     "init is missing": Slip(LAW, "def init(", "def start(", ":22: MyLaw has no init()", "def init(self, key)"),
     "step without time": Slip(
@@ -149,7 +151,7 @@ SLIPS = {
         VEHICLE, "u.steer", "u.stear", ":43: 'MyVehicleInput' object has no", "write 'steer' instead"
     ),
     "while on a number of the run": Slip(
-        VEHICLE, RATE, before("while turn > 3: turn = turn - 3", RATE), ":45: `while` on a traced", "jnp.where"
+        VEHICLE, RATE, before("while turn > 3: turn = turn - 3", RATE), ":45: `while` depends on a traced", "jnp.where"
     ),
     "sensor that the world lacks": Slip(
         VEHICLE, 'Passthrough("state")', 'Passthrough("stat")', "'stat'", 'sensors={"stat'

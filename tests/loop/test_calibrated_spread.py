@@ -100,7 +100,7 @@ def test_non_monotonic_reverse_thrust_draw_is_moved_back():
         replace(Thruster(), reverse_ratio=ratio).check()
     moved = np.linalg.norm((arrays[RATIO] - own) / own, axis=1)
     assert (moved > 1e-3).mean() > 0.99  # and not to where it was
-    assert any("moved back" in note for note in found.notes)
+    assert any("moved towards the calibrated" in note for note in found.notes)
 
 
 @pytest.mark.thorough
@@ -142,7 +142,7 @@ def test_reports_calibration_entries_that_are_not_drawn():
 
 def test_rejects_a_calibration_without_uncertainty():
     boat = Calibration({"Hovercraft.inertia": Entry(0.11, "kg m^2")})
-    with pytest.raises(InputError, match="gives no uncertainty"):
+    with pytest.raises(InputError, match="contains no standard error"):
         calibrated_spread(with_calibration(build(NAME), boat).scenario, boat)
 
 

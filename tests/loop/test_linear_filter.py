@@ -121,7 +121,7 @@ def test_unobservable_mode_is_rejected_with_its_states():
     with pytest.raises(InputError) as refused:
         twin_filter(TwinTank(), sensors, {"pose.north": 0.002})
     text = str(refused.value)
-    assert "pose.north cannot observe the mode -0.05 ± 5i 1/s, in" in text
+    assert "pose.north cannot observe the mode with pole -0.05 ± 5i 1/s, which appears in" in text
     assert {"fore", "aft"} <= set(text.split(" in ")[1].split("\n")[0].rstrip(".").split(", "))
     assert "state.fore" in text
     twin_filter(TwinTank(), sensors, {"pose.north": 0.002, "state.fore": 0.01})

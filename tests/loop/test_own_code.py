@@ -29,12 +29,16 @@ def branch(x):
 
 
 SLIPS = {
-    "if": (branch, "`if` on a traced value", "jnp.where"),
-    "and": (lambda x: (x.north > 1) and (x.north < 2), "`and` on a traced value", "&"),
-    "math": (lambda x: math.sin(x.north), "`math.sin` of a traced value", "jnp.sin"),
-    "numpy": (lambda x: np.cos(x.north), "`np.cos` of a traced value", "jnp.cos"),
-    "float": (lambda x: float(x.north), "`float()` of a traced value", "leave float() out"),
-    "range": (lambda x: [0 for _ in range(jnp.asarray(x.north, int))], "`range()` of a traced value", "fixed number"),
+    "if": (branch, "`if` depends on a traced value", "jnp.where"),
+    "and": (lambda x: (x.north > 1) and (x.north < 2), "`and` is applied to a traced value", "&"),
+    "math": (lambda x: math.sin(x.north), "`math.sin` is applied to a traced value", "jnp.sin"),
+    "numpy": (lambda x: np.cos(x.north), "`np.cos` is applied to a traced value", "jnp.cos"),
+    "float": (lambda x: float(x.north), "`float()` is applied to a traced value", "leave float() out"),
+    "range": (
+        lambda x: [0 for _ in range(jnp.asarray(x.north, int))],
+        "`range()` is applied to a traced value",
+        "fixed number",
+    ),
     "misspelt": (lambda x: x.nort, "'Point' object has no attribute 'nort'", "write 'north' instead"),
     "shape": (lambda x: jnp.stack([x.north, jnp.zeros(2)]), "Cannot stack arrays", "correct that line"),
     "another name": (lambda x: nothing, "NameError: name 'nothing' is not defined", "define or import"),  # noqa: F821
@@ -95,9 +99,9 @@ def test_broken_scenario_file_is_rejected_with_its_line(tmp_path, text, said):
 
 
 OTHERS = {
-    "numpy by its name": (lambda x: numpy.sin(x.north), "`numpy.sin` of a traced value", "use jnp.sin"),
-    "a function by its name": (lambda x: sin(x.north), "Python's `sin` on a traced value", "use jnp.sin"),
-    "item": (lambda x: x.north.item(), "`.item()` of a traced value", "leave .item() out"),
+    "numpy by its name": (lambda x: numpy.sin(x.north), "`numpy.sin` is applied to a traced value", "use jnp.sin"),
+    "a function by its name": (lambda x: sin(x.north), "Python's `sin` is applied to a traced value", "use jnp.sin"),
+    "item": (lambda x: x.north.item(), "`.item()` is applied to a traced value", "leave .item() out"),
     "unknown argument": (lambda x: Point(nort=x.north), "unexpected keyword argument", "write north=… instead"),
     "change": (lambda x: setattr(x, "north", 1.0), "records are immutable", "return changing values as the state"),
     "format": (lambda x: f"{x.north:.2f}", "unsupported format string", "jax.debug.print"),
@@ -152,7 +156,9 @@ def test_rejects_a_float_where_the_initial_state_is_integer():
     check_state("law", step, 1.5, 0.0)
     check_state("law", step, 1, 0)
     check_state("law", step, True, False)
-    with pytest.raises(InputError, match="has a float where init\\(\\) has an integer") as refused:
+    with pytest.raises(
+        InputError, match="has a float in place of an integer in the state that init\\(\\) returns"
+    ) as refused:
         check_state("law", step, 1.5, 0)
     assert refused.value.fix == "write 0.0 instead of 0 in init()"
 

@@ -88,7 +88,7 @@ def test_relayed_sensor_without_bus_delay_equals_the_sensor():
 
 def test_rejects_mismatched_period_and_input_sensor():
     RelayedSensor(inner=Odometer(), bus=BUS).check()
-    with pytest.raises(InputError, match="period must equal the sensor's, 6 ms, got 1 ms") as refused:
+    with pytest.raises(InputError, match="period must equal the sensor's period, 6 ms, got 1 ms") as refused:
         RelayedSensor(inner=Odometer(period=ms(6)), bus=BUS).check()
     assert refused.value.fix == "set bus.period to 6 ms"
     with pytest.raises(InputError, match="ActingInput measures 'input'"):

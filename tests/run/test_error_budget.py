@@ -70,7 +70,7 @@ def test_rejects_unknown_imperfection_and_empty_seeds(forward):
 
 def test_rejects_a_scenario_without_measures_before_running():
     told = []
-    with pytest.raises(InputError, match=r"nothing to measure(.|\n)*Fix: give the scenario targets"):
+    with pytest.raises(InputError, match=r"no error can be measured(.|\n)*Fix: add targets"):
         error_budget(catalogue.load_scenario("navigation/still")[0], seeds=range(2), tell=told.append)
     assert told == []
 

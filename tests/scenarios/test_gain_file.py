@@ -116,7 +116,7 @@ def test_rejects_gains_that_do_not_fit(folder, tmp_path):
     assert "not a gain for the states of a vehicle" in refusal(gain=written(about=plain))
     assert "designed with a calibration" in refusal(gain=written(about={**about, "set": "calibration=boat.toml"}))
     states = ("position", "speed", "angle", "lean_rate")
-    assert "'lean_rate', which the vehicle's state does not have" in refusal(gain=written(states=states))
+    assert "'lean_rate', which is not a state of the vehicle" in refusal(gain=written(states=states))
     assert "cannot be read" in refusal(gain=str(tmp_path / "none.json"))
     changed = tmp_path / "changed.json"
     changed.write_text(file.read_text(encoding="utf-8").replace('"cart-pole/swing-up"', '"cart-pole/swing"'), "utf-8")

@@ -146,7 +146,7 @@ def test_other_coupling_readings_give_bounded_solutions():
     ("climb", "settings", "text"),
     [
         (CLIMB, {"beyond": 1.0}, "extends only 1 s beyond the table"),
-        (CLIMB, {"beyond": 0.0}, "needs more of the future"),
+        (CLIMB, {"beyond": 0.0}, "too short for the unstable mode"),
         (CLIMB, {"keep": 0.0123}, "0.0123 s between nodes, and a step of 0.005 s"),
         (CLIMB, {"dt": 0.0}, "a step of 0 s"),
         (CLIMB, {"seconds": 0.0}, "a duration of 0 s"),

@@ -91,7 +91,7 @@ def test_slowed_rotor_is_not_detected_as_lost():
 
 
 def test_rejects_the_neural_law_with_a_lost_rotor():
-    with pytest.raises(InputError, match="not trained for a lost rotor"):
+    with pytest.raises(InputError, match="not trained for flight with a failed rotor"):
         build("quadrotor/track", {"law": "neural", "motor": "1-fails"})
 
 

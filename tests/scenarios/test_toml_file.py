@@ -179,7 +179,7 @@ def test_relative_paths_are_resolved_beside_the_file(tmp_path, monkeypatch):
         ("[world.vehicle\nmass = 3", r"my.toml:1:15: Expected ']'"),
         ("a = 1\na = 2", r"my.toml:2:6: Cannot overwrite"),
         ('base = "hovercraft/spn"', r"my.toml:1:1: scenario 'hovercraft/spn'"),
-        ('base = "my_boat.py:scenario"', r"my.toml:1:1: base: .* runs no code"),
+        ('base = "my_boat.py:scenario"', r"my.toml:1:1: base: .* must not run code"),
         ('base = "my.toml"', r"my.toml:1:1: base: .* itself based on this file"),
         ('base = "hovercraft/spin"\n[choices]\nlinks = "chan"', r"my.toml:3:1: links: 'chan' is not a choice"),
         ('base = "hovercraft/spin"\nwithout = ["x"]', r"my.toml:2:1: .*no imperfection 'x'"),

@@ -1,8 +1,9 @@
 """Consistency of a filter: averages of NIS and NEES against chi-square bounds, and whiteness of innovations.
 
-A filter is consistent if its errors match its sigmas, optimistic if the errors are larger, and pessimistic if they are
-smaller. Errors of one run are correlated in time, so that a thousand samples may count as ten draws. An average over
-one run is judged by its effective number of independent draws. A factor is the ratio of errors to sigmas.
+A sigma is the standard deviation that the filter computes for an error. A filter is consistent if its errors match the
+sigmas, optimistic if the errors are larger than the sigmas suggest, and pessimistic if the errors are smaller. Errors
+of one run are correlated in time, so that a thousand samples may count as only ten independent draws. Therefore an
+average over one run is judged by the effective number of independent draws. A factor is the ratio of errors to sigmas.
 
 Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001, section
 5.4; [6] Ljung, Box, "On a measure of lack of fit in time series models", Biometrika 65 (1978); [9] Bayley, Hammersley,
@@ -20,20 +21,20 @@ from trimtab.core.errors import InputError
 
 CONSISTENT, OPTIMISTIC, PESSIMISTIC, UNDECIDED = "consistent", "optimistic", "pessimistic", "undecided"
 HONEST, TELLING = 1.1, 2.0
-"""Limits of the ratio of errors to sigmas. Up to HONEST the ratio counts as 1. The verdict `consistent` requires that
-the ratio's confidence interval lies between 1/TELLING and TELLING."""
+"""Limits for the ratio of errors to sigmas. A ratio between 1/HONEST and HONEST counts as 1. The verdict `consistent`
+requires that the confidence interval of the ratio lies between 1/TELLING and TELLING."""
 FEW = 10
-"""Effective number of draws below which a verdict on one run can only be `optimistic` or `undecided`."""
+"""Effective number of independent draws below which a verdict on one run can only be `optimistic` or `undecided`."""
 WINDOW = 6
-"""Largest lag up to which autocorrelations are summed, in correlation times."""
+"""Maximum lag of the autocorrelations that are summed, as a multiple of the correlation time."""
 
 
 class Consistency(NamedTuple):
     """Verdict on the average of NIS or NEES over runs.
 
-    mean: average of NIS or NEES.  expected: expected average of a consistent filter, i.e. the degrees of freedom.
-    low, high: bounds of the average for a consistent filter.
-    inside: share of the instants at which the average over the runs lies within the bounds for a single instant.
+    mean: average of NIS or NEES.  expected: expected average for a consistent filter, i.e. the degrees of freedom.
+    low, high: bounds within which the average of a consistent filter lies with the given probability.
+    inside: fraction of the instants at which the average over the runs lies within the bounds for a single instant.
     verdict: consistent, optimistic or pessimistic.
     """
 
@@ -48,11 +49,11 @@ class Consistency(NamedTuple):
 class SingleRunConsistency(NamedTuple):
     """Verdict on the average of NIS, or of squared normalised errors, over a single run.
 
-    mean: average over the instants.  expected: value of this average for a consistent filter.
-    low, high: bounds of the average for a consistent filter.  draws: effective number of independent squares.
-    factor: ratio of errors to sigmas.  factor_low, factor_high: confidence interval of this ratio.
-    verdict: consistent, optimistic (sigmas too small), pessimistic (sigmas too large), or undecided if the data would
-    not show a factor of two.
+    mean: average over the instants.  expected: expected average for a consistent filter.
+    low, high: bounds within which the average of a consistent filter lies with the given probability.
+    draws: effective number of independent squares in the average.  factor: ratio of errors to sigmas.
+    factor_low, factor_high: confidence interval of this ratio.  verdict: consistent, optimistic (sigmas too small),
+    pessimistic (sigmas too large), or undecided if the data are too few to detect a factor of two.
     """
 
     mean: float
@@ -69,9 +70,10 @@ class SingleRunConsistency(NamedTuple):
 class Whiteness(NamedTuple):
     """Autocorrelation of innovations, and a test of their whiteness.
 
-    correlation: autocorrelation at lags 1, 2, … (lags,).  bound: bound of the autocorrelation of a white sequence at
-    one lag.  inside: share of the lags within the bound.  statistic: statistic of Ljung and Box over all lags.
-    p: probability of a larger statistic for a white sequence.  white: True if p is above 1 - probability.
+    correlation: autocorrelation at lags 1, 2, … (lags,).  bound: bound for the magnitude of the autocorrelation of a
+    white sequence at a single lag.  inside: fraction of the lags within this bound.  statistic: statistic of Ljung and
+    Box over all lags.  p: probability that a white sequence has a larger statistic.  white: True if p is above
+    1 - probability.
     """
 
     correlation: Any
@@ -85,8 +87,8 @@ class Whiteness(NamedTuple):
 class Convergence(NamedTuple):
     """Convergence of an estimate to the truth.
 
-    time: time (s) after which sigma stays below the wanted sigma; None if it does not.  final: last error in sigmas.
-    inside: share of the samples after this time with an error below two sigmas.
+    time: time (s) from which on sigma stays below the required sigma, or None if it does not.  final: last error,
+    divided by sigma.  inside: fraction of the samples after this time with an error below two sigmas.
     """
 
     time: float | None
@@ -95,7 +97,9 @@ class Convergence(NamedTuple):
 
 
 def chi_square_bounds(dof: int, n: int, probability: float = 0.95) -> tuple[float, float]:
-    """Return bounds of the average of n independent chi-square numbers, with equal probabilities below and above.
+    """Return bounds for the average of n independent chi-square numbers.
+
+    The probabilities below the lower and above the upper bound are equal.
 
     Args:
         dof: degrees of freedom of each number.
@@ -106,19 +110,22 @@ def chi_square_bounds(dof: int, n: int, probability: float = 0.95) -> tuple[floa
     """
     if dof < 1 or n < 1 or not 0 < probability < 1:
         problem = f"dof and n must be at least 1, and probability within 0 to 1; got {dof}, {n}, {probability}"
-        raise InputError("chi_square_bounds", problem, fix="give dof and n of 1 or more, and a probability in (0, 1)")
+        raise InputError("chi_square_bounds", problem, fix="use dof and n of 1 or more, and a probability in (0, 1)")
     tail = (1 - probability) / 2
     low, high = chi_square_quantile(np.array([tail, 1 - tail]), dof * n) / n
     return float(low), float(high)
 
 
 def gate_threshold(dof: int, probability: float) -> float:
-    """Return the NIS gate that a consistent filter's measurement of dimension dof meets with this probability."""
+    """Return the threshold that the NIS of a consistent filter does not exceed with the given probability.
+
+    dof: dimension of the measurement.
+    """
     return float(chi_square_quantile(probability, dof))
 
 
 def chi_square_quantile(probability: Any, dof: Any) -> Any:
-    """Return the chi-square quantile of a probability. dof need not be a whole number.
+    """Return the chi-square quantile for a probability. dof: degrees of freedom, not necessarily an integer.
 
     The function uses scipy.special, because importing scipy.stats takes longer than a run.
     """
@@ -126,10 +133,10 @@ def chi_square_quantile(probability: Any, dof: Any) -> Any:
 
 
 def nees_verdict(nees: Any, dof: int, probability: float = 0.95) -> Consistency:
-    """Judge the NEES of independent runs: compare its average over runs and time with chi-square bounds.
+    """Return the verdict on the NEES of independent runs, by comparing its average over runs and time with bounds.
 
-    Errors of one run are correlated in time, so that more instants do not count as more draws. The bounds are therefore
-    those of the average over the runs at a single instant. They are too wide rather than too narrow.
+    Errors of one run are correlated in time, so more instants do not count as more independent draws. Therefore the
+    chi-square bounds are those for the average over the runs at a single instant, which are rather too wide.
 
     Args:
         nees: NEES (runs, instants).
@@ -142,7 +149,7 @@ def nees_verdict(nees: Any, dof: int, probability: float = 0.95) -> Consistency:
 
 
 def nis_verdict(nis: Any, dof: int, probability: float = 0.95) -> Consistency:
-    """Judge the NIS of one or several runs: compare its average over all updates with chi-square bounds.
+    """Return the verdict on the NIS of one or several runs, by comparing its average over all updates with bounds.
 
     The innovations of a consistent filter are white, so each update counts as an independent draw.
 
@@ -160,7 +167,9 @@ def nis_verdict(nis: Any, dof: int, probability: float = 0.95) -> Consistency:
 
 
 def whiteness(innovations: Any, lags: int = 20, probability: float = 0.95) -> Whiteness:
-    """Test if normalised innovations are white, by their autocorrelation at lags 1 to `lags` and the Ljung-Box test.
+    """Return the result of a test of normalised innovations for whiteness.
+
+    The test uses the autocorrelation at lags 1 to `lags`, and the statistic of Ljung and Box.
 
     Args:
         innovations: normalised innovations (updates,) or (updates, m), in the order of the measurements.
@@ -182,7 +191,7 @@ def whiteness(innovations: Any, lags: int = 20, probability: float = 0.95) -> Wh
 
 
 def convergence(t: Any, error: Any, sigma: Any, wanted: float) -> Convergence:
-    """Evaluate the convergence of an estimate, e.g. of a bias.
+    """Return the convergence of an estimate, e.g. of a bias.
 
     Args:
         t: times in s (n,).
@@ -202,9 +211,9 @@ def convergence(t: Any, error: Any, sigma: Any, wanted: float) -> Convergence:
 def effective_draws(z: Any) -> Any:
     """Return the effective number of independent draws (m,) in the mean square of each column of z (n, m).
 
-    It is n / (1 + 2 sum (1 - k/n) rho_k²) for Gaussian numbers with autocorrelation rho_k, summed up to WINDOW
-    correlation times. The mean is not subtracted, so that a constant error counts as one draw. A column of zeros also
-    counts as one draw.
+    This number is n / (1 + 2 sum (1 - k/n) rho_k²) for Gaussian numbers with autocorrelation rho_k at lag k, where the
+    sum ends at WINDOW correlation times. The mean is not subtracted, so a constant error counts as one draw. A column
+    of zeros also counts as one draw.
     """
     n = len(z)
     spectrum = np.fft.rfft(z, 2 * n, axis=0)
@@ -219,13 +228,13 @@ def effective_draws(z: Any) -> Any:
 
 
 def assess_average(mean: Any, draws: Any, dof: int, tail: float) -> SingleRunConsistency:
-    """Judge the average of a sum of squared normalised errors or innovations.
+    """Return the verdict on the average of a sum of squared normalised errors or innovations.
 
     Args:
         mean: average of the sum.
-        draws: effective number of draws of each square (dof,).
+        draws: effective number of independent draws of each square (dof,).
         dof: number of squares in the sum.
-        tail: probability below the lower bound; also the probability above the upper bound.
+        tail: probability below the lower bound, which equals the probability above the upper bound.
     """
     N = float(np.sum(draws))
     low, high = chi_square_quantile(np.array([tail, 1 - tail]), N) / N
@@ -256,6 +265,8 @@ def _check_finite(name: str, values: Any, dimensions: int | None = None) -> Any:
     if not array.size or not np.isfinite(array).all() or (dimensions is not None and array.ndim != dimensions):
         problem = f"{name} must have finite numbers and the right axes, got an array of shape {array.shape}"
         raise InputError(
-            "consistency", problem, fix="leave out instants without a measurement; the first axis must be the runs"
+            "consistency",
+            problem,
+            fix="leave out instants without a measurement, and make the run the first axis of the array",
         )
     return array

@@ -1,7 +1,7 @@
-"""Reader of the content of a complete or truncated MCAP file. Damaged chunks are left out and reported.
+"""Reader of complete or truncated MCAP files. Damaged chunks are left out and reported.
 
-A truncated chunk is decompressed as far as possible. After a damaged part, reading continues at the next chunk that
-is compressed by zstd. All chunks of trimtab's own logs are compressed by zstd.
+A truncated chunk is decompressed as far as possible. After a damaged section of the file, reading continues at the next
+chunk that is compressed by zstd. All chunks of trimtab's logs are compressed by zstd.
 
 Source: MCAP format specification 0 (mcap.dev/spec), section "Records".
 """
@@ -19,16 +19,19 @@ MAGIC = b"\x89MCAP0\r\n"
 """Bytes at the start and at the end of every MCAP file."""
 FOOTER, CHANNEL, MESSAGE, CHUNK, METADATA, DATA_END = 0x02, 0x04, 0x05, 0x06, 0x0C, 0x0F
 KNOWN, PRIVATE = range(0x01, 0x10), range(0x80, 0x100)
-"""Opcodes of records of the MCAP format, and opcodes that programs may use for private records."""
+"""Opcodes (record types) of the MCAP format, and opcodes that programs may use for private records."""
 RECORD, MESSAGE_HEAD, CHUNK_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ"), struct.Struct("<QQQI")
 ZSTD = b"\x04\x00\x00\x00zstd"
-"""Bytes that follow the head of a chunk compressed by zstd."""
+"""Bytes that follow the header of a chunk compressed by zstd."""
 LARGEST_CHUNK = 1 << 28
 """Largest accepted size of a decompressed chunk, so that a small file cannot fill the memory."""
 
 
 class Damage(NamedTuple):
-    """Damaged part of a file. why: kind of damage.  after: time (ns) of the last message before it, or None."""
+    """Damaged section of a file.
+
+    why: description of the damage.  after: time (ns) of the last message before the damage, or None.
+    """
 
     why: str
     after: int | None
@@ -38,8 +41,8 @@ class Damage(NamedTuple):
 class Contents:
     """Content of an MCAP file.
 
-    is_truncated: True if the end of the file is missing.  metadata: name -> metadata record.  times, texts: topic ->
-    times (ns) and contents of its messages.  damages: damaged parts of the file.
+    is_truncated: True if the end of the file is missing.  metadata: name -> metadata record.  times: topic -> times of
+    the messages (ns).  texts: topic -> contents of the messages.  damages: damaged sections of the file.
     """
 
     is_truncated: bool
@@ -62,13 +65,13 @@ def parse_contents(path: Any, data: bytes) -> Contents:
     except Exception as error:  # a truncated file may end anywhere; decoders raise errors of any type
         if not contents.is_truncated:
             problem = f"is damaged: {error or type(error).__name__}"
-            raise InputError(f"log file '{path}'", problem, fix="make or copy the file again") from None
+            raise InputError(f"log file '{path}'", problem, fix="write or copy the file again") from None
     reader.sort_by_topic()
     return contents
 
 
 class _ContentsReader:
-    """Reader of one MCAP file. Messages are stored by channel, because a channel's topic may follow after them."""
+    """Reader of one MCAP file. It stores messages by channel, because the topic of a channel may be defined later."""
 
     def __init__(self, contents: Contents) -> None:
         self._contents = contents
@@ -77,7 +80,7 @@ class _ContentsReader:
         self._newest: int | None = None
 
     def read(self, data: bytes) -> None:
-        """Read all records of the file. After a damaged part, continue at the next chunk."""
+        """Read all records of the file. After a damaged section, continue at the next chunk."""
         at = len(MAGIC)
         while at + RECORD.size <= len(data):
             opcode, length = RECORD.unpack_from(data, at)
@@ -118,7 +121,10 @@ class _ContentsReader:
                 contents.texts[self._topics[channel]] += texts
 
     def _skip_damage(self, data: bytes, at: int, why: str, stop: int) -> int:
-        """Record a damaged part. Return the position of the next chunk, or `stop` if none follows."""
+        """Store a damage. Return the position of the next chunk, or `stop` if no chunk follows.
+
+        at: position of the damage.  why: description of the damage.
+        """
         self._contents.damages.append(Damage(why, self._newest))
         found = data.find(ZSTD, at + RECORD.size + CHUNK_HEAD.size + 1)
         while found >= 0:
@@ -130,7 +136,7 @@ class _ContentsReader:
         return max(stop, at + 1)
 
     def _add_inner(self, inner: bytes) -> None:
-        """Add the records of a decompressed chunk."""
+        """Store the content of the records in a decompressed chunk."""
         for opcode, start, stop in _records(inner):
             if opcode not in KNOWN and opcode not in PRIVATE:
                 return
@@ -161,7 +167,7 @@ class _ContentsReader:
 
 
 def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, start and end of each record's content. The last end may lie beyond the end of the data."""
+    """Yield the opcode, and start and end of the content, of each record. The last record may be truncated."""
     at = 0
     while at + RECORD.size <= len(data):
         opcode, length = RECORD.unpack_from(data, at)
@@ -177,7 +183,7 @@ def _verify_check_sum(data: bytes, start: int) -> None:
 
 
 def _decompress_chunk(content: bytes) -> bytes:
-    """Return the decompressed records of a chunk; raise an error if its check sum is wrong."""
+    """Return the decompressed records of a chunk. Raise an error if the chunk's check sum is wrong."""
     from mcap.data_stream import ReadDataStream
     from mcap.records import Chunk
     from mcap.stream_reader import get_chunk_data_stream
@@ -190,7 +196,7 @@ def _decompress_chunk(content: bytes) -> bytes:
 
 
 def _decompress_partial_chunk(content: bytes) -> bytes:
-    """Return the records at the start of a truncated chunk; its check sum can't be verified."""
+    """Return the records at the start of a truncated chunk, whose check sum can't be verified."""
     at = CHUNK_HEAD.size
     (length,) = struct.unpack_from("<I", content, at)
     compression = content[at + 4 : at + 4 + length]

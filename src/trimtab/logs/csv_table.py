@@ -1,11 +1,12 @@
-"""Reader of CSV files of other loggers: columns of numbers, units in the headings, and the time unit.
+"""Reader of CSV files written by other programs: columns of numbers, with units in the headings.
 
     # a comment
     timestamp [us],gyro[0] [rad/s],gyro[1] [rad/s],mode
     1000000,0.011,-0.003,AUTO
 
-The first line that is not a comment contains the names. If it contains numbers, the last comment before it contains
-the names. A number in brackets is an index and part of the name; other text in brackets is a unit.
+The first line that is not a comment contains the names of the columns. If this line contains numbers, the last comment
+before it contains the names. A number in brackets is an index, which is part of the name. Other text in brackets is a
+unit.
 """
 
 import csv
@@ -33,7 +34,7 @@ _UNITS = {
     "nsec": "ns",
     "nanos": "ns",
 }
-"""Ending of the name of a time column, e.g. "usec" -> its time unit."""
+"""Ending of the name of a time column, e.g. "usec" -> time unit."""
 _SUFFIXES = "|".join(_UNITS)
 _TIME = re.compile(
     rf"(?i:t|time|timestamp|stamp)(?i:_boot|_sample|_unix|_utc)?(?:_(?i:({_SUFFIXES}))|(S|MS|US|NS))?"
@@ -42,14 +43,14 @@ _TIME = re.compile(
 ROS_TIME = "%time"
 """Name of the time column (ns) in the output of `rostopic echo -p`."""
 SHOWN = 24
-"""Maximum number of characters of a cell that an error shows."""
+"""Maximum number of characters of a cell that an error message shows."""
 
 
 class CsvColumn(NamedTuple):
     """Column of a CSV file.
 
-    name: name without the unit.  unit: unit from the heading, or empty.  values: numbers (n,), or texts if a cell is
-    not a number.  problem: description of the first cell that is not a number, or empty.
+    name: name without the unit.  unit: unit in the heading, or "".  values: numbers (n,), or texts if a cell is not a
+    number.  problem: description of the first cell that is not a number, or "".
     """
 
     name: str
@@ -59,7 +60,7 @@ class CsvColumn(NamedTuple):
 
 
 class CsvTable(NamedTuple):
-    """Columns of a CSV file, in the file's order. lines: line number of each row (n,)."""
+    """Content of a CSV file. columns: columns in the file's order.  lines: line number of each row (n,)."""
 
     columns: Sequence[CsvColumn]
     lines: Sequence[int]
@@ -70,7 +71,10 @@ class CsvTable(NamedTuple):
 
 
 def time_unit(name: str) -> str | None:
-    """Return the time unit in the name of a time column, "" without a unit; None if it is not a time column."""
+    """Return the time unit in the name of a time column, or "" for a time column whose name has no unit.
+
+    Return None for a column that is not a time column.
+    """
     if name.lower() == ROS_TIME:
         return "ns"
     match = _TIME.fullmatch(name)
@@ -86,7 +90,7 @@ def split_heading(heading: str) -> tuple[str, str]:
 
 
 def read_table(path: str | os.PathLike[str], *, gaps: bool = False) -> CsvTable:
-    """Read the columns of a CSV file. A column with a cell that is not a number has a `problem` and no numbers.
+    """Read a CSV file. In a column with a cell that is not a number, `problem` describes this cell.
 
     Args:
         path: path of the file.
@@ -98,12 +102,12 @@ def read_table(path: str | os.PathLike[str], *, gaps: bool = False) -> CsvTable:
     where = f"log file '{path}'"
     head, rows, lines = _read_cells(where, path)
     if not rows:
-        fix = "trimtab run SCENARIO --out DIR  writes a log; a table is a line of names, then lines of numbers"
+        fix = "use a file with a line of names and then lines of numbers, e.g. from  trimtab run SCENARIO --out DIR"
         raise InputError(where, "has no rows", fix=fix)
     for line, row in zip(lines, rows, strict=True):
         if len(row) != len(head):
             problem = f"line {line} has {len(row)} columns, but there are {len(head)} names"
-            fix = "give one cell for each name, and quote text with commas inside"
+            fix = "write one cell for each name, and quote text that contains commas"
             if len(row) == 2 * len(head):
                 problem, fix = (
                     f"{problem}: the file seems to have decimal commas",
@@ -121,7 +125,7 @@ def _read_cells(where: str, path: str | os.PathLike[str]) -> tuple[list[str], li
     try:
         text = read_user_text(path, "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(where, f"cannot be read: {error}", fix="give a CSV file of text in UTF-8") from None
+        raise InputError(where, f"cannot be read: {error}", fix="use a CSV file in UTF-8") from None
     numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
     comments = [pair for pair in numbered if pair[1].lstrip().startswith("#")]
     numbered = [pair for pair in numbered if not pair[1].lstrip().startswith("#")]

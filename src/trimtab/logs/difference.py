@@ -1,7 +1,7 @@
-"""Comparison of two logs: first difference, and largest difference of each signal.
+"""Comparison of two logs: first difference and largest difference of each signal.
 
-Values at common instants are compared exactly; NaN equals NaN. The two logs may come from different flights. Use
-`run.replay.compare_logs` to check if two backends computed the same flight up to rounding.
+Values at common instants are compared exactly, and NaN equals NaN. The two logs may be of different flights. Use
+`run.replay.compare_logs` to check if two backends computed the same flight up to rounding errors.
 """
 
 from typing import Any, NamedTuple
@@ -15,8 +15,8 @@ from trimtab.logs.log import Log
 class SignalDifference(NamedTuple):
     """Difference of one signal between two logs.
 
-    first_s: time (s) of the first difference.  one, other: values at this time in the first and in the second log.
-    largest: largest difference at any time.
+    path: path of the signal.  first_s: time (s) of the first difference.  one, other: values at this time in the first
+    and in the second log.  largest: largest difference at any time.
     """
 
     path: str
@@ -29,8 +29,9 @@ class SignalDifference(NamedTuple):
 class LogDifference(NamedTuple):
     """Differences of two logs.
 
-    instants, compared: numbers of common instants and of common signals.  signals: signals that differ, the earliest
-    first.  only_one, only_other: paths of signals that only the first or only the second log has.
+    instants: number of common instants.  compared: number of common signals.  signals: signals that differ, sorted by
+    the time of their first difference.  only_one: paths of signals that only the first log has.  only_other: paths of
+    signals that only the second log has.
     """
 
     instants: int
@@ -46,9 +47,9 @@ class LogDifference(NamedTuple):
 
 
 def find_difference(one: Log, other: Log) -> LogDifference:
-    """Find the differences of two logs.
+    """Return the differences between two logs.
 
-    Raises: InputError if they have no common instant or no common signal.
+    Raises: InputError if the logs have no common instant or no common signal.
     """
     ticks, rows, others = np.intersect1d(one.ticks, other.ticks, assume_unique=True, return_indices=True)
     both = [path for path in one.paths if path in other.signals and one[path].shape[1:] == other[path].shape[1:]]

@@ -1,4 +1,4 @@
-"""Poses of a vehicle as messages that Foxglove and Lichtblick show on a map and in a 3-D scene.
+"""Messages about a vehicle's pose, which Foxglove and Lichtblick show on a map and in a 3-D scene.
 
     /tf        foxglove.FrameTransform   the vehicle's frame in the world frame W (north, east, down), and W in "map"
                                          (east, north, up)
@@ -20,7 +20,8 @@ from trimtab.core.time import ms
 from trimtab.logs.messages import NS_PER_SECOND, NS_PER_TICK, Topic
 
 POSE_COLUMNS = 9
-"""Number of columns of a pose: position in W (m), roll, pitch, yaw, latitude, longitude (rad), height (m) or NaN."""
+"""Number of columns of a pose: position in W (m, 3), roll, pitch, yaw, latitude, longitude (rad) and height (m).
+Unknown values are NaN."""
 TRANSFORM_PERIOD, PLACE_PERIOD = ms(50), ms(200)
 MAP, WORLD = "map", "world"
 HALF = math.sqrt(0.5)
@@ -29,7 +30,7 @@ NED_IN_ENU = (0.0, HALF, HALF, 0.0)
 NO_TURN = (1.0, 0.0, 0.0, 0.0)
 BODY_COLOR, NOSE_COLOR = (0.2, 0.5, 0.9, 1.0), (0.9, 0.3, 0.1, 1.0)
 BODY_SIZE, NOSE_LENGTH = (0.6, 0.35, 0.15), 0.5
-"""Size (m) of the box and length of the arrow that show the vehicle, chosen for visibility."""
+"""Size of the box and length of the arrow that represent the vehicle in the scene (m), chosen for visibility."""
 
 
 def _numbers(*names: str) -> dict[str, Any]:
@@ -94,13 +95,13 @@ TRANSFORMS, SCENE, PLACES = range(3)
 
 
 def frame_topics() -> list[Topic]:
-    """Return the topics of the messages, in the order of TRANSFORMS, SCENE, PLACES."""
+    """Return the topics of the pose messages, at the indices TRANSFORMS, SCENE and PLACES."""
     named = {"/tf": TRANSFORM_SCHEMA, "/scene": SCENE_SCHEMA, "/location": PLACE_SCHEMA}
     return [Topic(name, {}, schema["title"], json.dumps(schema).encode()) for name, schema in named.items()]
 
 
 class FrameMessage(NamedTuple):
-    """Message about a pose. topic: index of its topic.  time: time in ns.  text: JSON content."""
+    """Message about a pose. topic: index of the topic.  time: time (ns).  text: content as JSON."""
 
     topic: int
     time: int
@@ -108,7 +109,7 @@ class FrameMessage(NamedTuple):
 
 
 class FrameWriter:
-    """Converter of the poses in the rows of a log to messages."""
+    """Converter of poses in the rows of a log to messages."""
 
     def __init__(self, child: str) -> None:
         """Create a converter. child: name of the vehicle's frame."""
@@ -117,7 +118,7 @@ class FrameWriter:
         self._has_scene = False
 
     def begin_file(self) -> None:
-        """Prepare for a new file. The constant messages are repeated at its start."""
+        """Prepare for a new file, at the start of which the constant messages are repeated."""
         self._has_scene = False
 
     def messages(self, ticks: Any, poses: Any, epoch: int) -> list[FrameMessage]:
@@ -144,7 +145,10 @@ class FrameWriter:
 
 
 def quaternion(attitude: Any) -> tuple[float, float, float, float]:
-    """Return w, x, y, z of the rotation from B to W by roll, pitch and yaw (3-2-1)."""
+    """Return the quaternion (w, x, y, z) of the rotation from body frame B to world frame W.
+
+    attitude: roll, pitch, yaw (rad), of the rotation sequence 3-2-1.
+    """
     (cr, cp, cy), (sr, sp, sy) = (tuple(f(a / 2) for a in attitude) for f in (math.cos, math.sin))
     return (
         cr * cp * cy + sr * sp * sy,
@@ -155,7 +159,7 @@ def quaternion(attitude: Any) -> tuple[float, float, float, float]:
 
 
 def roll_pitch_yaw(q: Any) -> tuple[float, float, float]:
-    """Return roll, pitch, yaw (3-2-1) of a quaternion w, x, y, z of any length; NaN for a quaternion of zeros."""
+    """Return roll, pitch, yaw (3-2-1, rad) of a quaternion (w, x, y, z) of any length, or NaN for length zero."""
     w, x, y, z = q
     n = w * w + x * x + y * y + z * z
     if not n > 0:

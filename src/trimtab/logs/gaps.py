@@ -1,4 +1,4 @@
-"""Assembly of a log's rows from messages with equal times, and descriptions of missing rows."""
+"""Assembly of log rows from messages with equal times, and descriptions of missing rows."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -12,8 +12,9 @@ SECONDS_PER_NS = 1e-9
 
 
 class JoinedRows(NamedTuple):
-    """Rows of a log. times: times of the rows (n,) in ns.  places: topic -> index of each row's message (n,).
+    """Rows of a log.
 
+    times: times of the rows (n,), in ns.  places: topic -> index of the message that belongs to each row (n,).
     missing: times (ns), before the last row, at which the message of at least one topic is missing.
     """
 
@@ -23,7 +24,9 @@ class JoinedRows(NamedTuple):
 
 
 def join_by_time(times: Mapping[str, Sequence[int]]) -> JoinedRows:
-    """Form rows from the messages of all topics with equal times. Other times give no row.
+    """Return the rows of a log. A row consists of the messages of all topics at one time.
+
+    A time at which the message of a topic is missing has no row.
 
     times: topic -> time (ns) of each message.
     """
@@ -44,12 +47,13 @@ def join_by_time(times: Mapping[str, Sequence[int]]) -> JoinedRows:
 
 
 def describe_gaps(damages: Sequence[Damage], joined: JoinedRows, epoch: int) -> list[dict[str, Any]]:
-    """Return a dictionary for each damaged part of a file, and a dictionary for the times with a missing message.
+    """Return a description of each gap in a log, as a dictionary with the keys "after_s" and "text".
 
-    Keys of a dictionary: "after_s", time (s) of the last row before the gap, or None; "text", a line for the user.
+    A damaged section of the file is a gap. All times with missing messages together are one gap. "after_s" is the time
+    (s) of the last row before the gap, or None. "text" is a message for the user.
 
     Args:
-        damages: damaged parts of the file.
+        damages: damaged sections of the file.
         joined: rows of the log.
         epoch: time of day at time zero of the log (ns).
     """

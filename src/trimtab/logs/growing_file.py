@@ -1,6 +1,6 @@
-"""MCAP file that grows by chunks. Each chunk is written completely, or the file remains unchanged.
+"""MCAP file to which chunks are appended. A chunk is written completely, or the file remains unchanged.
 
-A chunk that does not fit on the disk is removed completely, so the file stays valid and can be continued.
+If a chunk does not fit on the disk, the written bytes are removed again, so the file stays valid and can be continued.
 
 Source: MCAP format specification 0 (mcap.dev/spec).
 """
@@ -20,10 +20,11 @@ from trimtab.logs.messages import Topic
 MESSAGE_INDEX = 0x07
 MESSAGE_RECORD = struct.Struct("<BQHIQQ")
 LEVEL = 1
-"""Compression level of zstd. It needs a third of the default level's time. Files of numbers are hardly larger."""
+"""Compression level of zstd. This level needs a third of the time of the default level, and files of numbers are hardly
+larger."""
 
 Message = tuple[int, int, int, bytes]
-"""Message of a log file: channel, sequence number, time (ns), text."""
+"""Message in a log file: channel, sequence number, time (ns), text."""
 
 
 class GrowingFile:
@@ -31,8 +32,8 @@ class GrowingFile:
 
     Args:
         file: descriptor of an empty file, open for writing.
-        metadata: name -> metadata record. The records are written first and uncompressed, so that a text search in
-            the file finds them.
+        metadata: name -> metadata record. The records are written uncompressed at the start of the file, so that a text
+            search in the file finds them.
         topics: topics of the messages. Channel k + 1 belongs to topic k.
     """
 
@@ -55,7 +56,7 @@ class GrowingFile:
         self._append(_encode_record([*self._schemas, *self._channels]))
 
     def add_metadata(self, metadata: dict[str, dict[str, str]]) -> None:
-        """Add metadata records. Records replace earlier ones of the same name. Raise OSError if the disk is full."""
+        """Add metadata records, which replace earlier records of the same names. Raise OSError if the disk is full."""
         from mcap.records import Metadata, MetadataIndex
 
         for name, content in metadata.items():
@@ -64,7 +65,7 @@ class GrowingFile:
             self._metadata.append(MetadataIndex(offset=at, length=len(text), name=name))
 
     def write(self, messages: Sequence[Message]) -> None:
-        """Add messages as one chunk. If this fails, raise OSError and leave the file unchanged."""
+        """Append messages to the file as one chunk. If this fails, raise OSError and leave the file unchanged."""
         import zstandard
         from mcap.records import ChunkIndex
 
@@ -141,7 +142,7 @@ class GrowingFile:
         os.close(self._file)
 
     def _append(self, data: bytes) -> None:
-        """Append bytes to the file, either all of them or none."""
+        """Append bytes to the file. If this fails, raise OSError and leave the file unchanged."""
         try:
             rest = memoryview(data)
             while rest:

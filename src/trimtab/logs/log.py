@@ -17,7 +17,7 @@ from trimtab.core.suggestions import closest, missing_member
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 
 SHOWN = 30
-"""Number of signals of a log that a notebook shows."""
+"""Maximum number of signals that a notebook shows of a log."""
 HALF_TICK = 0.5 / UNITS_PER_SECOND
 PLAIN = {float, int, str, bool}
 
@@ -28,8 +28,8 @@ class LazyMapping(Mapping[str, T], Generic[T]):
     """Read-only mapping that computes each value when it is first read, and then stores it.
 
     Args:
-        names: mapping whose keys are the keys, in their order.
-        make: function that computes the value of a key. It is released when all values are computed.
+        names: mapping with the same keys, in the same order.
+        make: function that computes the value of a key. It is deleted when all values have been computed.
     """
 
     def __init__(self, names: Mapping[str, Any], make: Callable[[str], T]) -> None:
@@ -63,7 +63,7 @@ class LazyMapping(Mapping[str, T], Generic[T]):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Log:
-    """Log of a run as arrays over time. It is immutable and contains read-only copies of the arrays.
+    """Log of a run: signals as read-only arrays over time. A log is immutable.
 
     A path consists of block and field, e.g. ``truth.heading`` or ``sensors.navigation.value.yaw_rate``.
 
@@ -72,9 +72,9 @@ class Log:
         ticks: the same instants in units of 100 ns, int64 (n,), strictly increasing and not negative. t is computed
             from them: t = ``core.time.to_seconds(ticks)``.
         signals: path -> array (n,) or (n, k) of booleans, integers or floats. The type of each array is preserved.
-        declarations: path -> declaration of the signal, with unit, meaning, frame, kind and names of the modes.
+        declarations: path -> declaration of the signal, with unit, meaning, frame, kind and names of modes.
         metadata: JSON-compatible values: version, scenario, seed, run, backend, duration_s, parameters, ...
-        final: path -> value after the last step of the run. The last row is one step earlier.
+        final: path -> value after the last step of the run, one step later than the last row.
     """
 
     t: np.ndarray
@@ -89,7 +89,7 @@ class Log:
         t = np.asarray(self.t, np.float64)
         if t.shape != ticks.shape or not (np.abs(t - to_seconds(ticks)) <= HALF_TICK).all():
             raise InputError(
-                "log", "t and ticks must be the same instants", fix="give t=to_seconds(ticks), from trimtab.core.time"
+                "log", "t and ticks must be the same instants", fix="pass t=to_seconds(ticks), from trimtab.core.time"
             )
         signals = {str(path): _check_signal(str(path), values, len(ticks)) for path, values in self.signals.items()}
         _check_paths(signals)
@@ -113,7 +113,7 @@ class Log:
         metadata: LazyMapping[Any],
         final: Mapping[str, Any],
     ) -> "Log":
-        """Create a log of a compiled simulation without checks or copies. The arrays must be read-only."""
+        """Return a log made from read-only arrays, without checks or copies. Used for compiled simulations."""
         log = object.__new__(cls)
         last = MappingProxyType({path: _check_value(path, value) for path, value in final.items()})
         for name, value in (
@@ -158,9 +158,9 @@ class Log:
         return values[:, index] if values.ndim == 2 and index < values.shape[1] else None
 
     def __getitem__(self, path: str) -> np.ndarray:
-        """Return the signal at a path, as a read-only array (n,) or (n, k).
+        """Return the signal with a path, as a read-only array (n,) or (n, k).
 
-        "truth.velocity[2]" returns one element of a vector, (n,).
+        The path "truth.velocity[2]" selects one element of a vector, (n,).
         """
         if not isinstance(path, str):  # pyright: ignore[reportUnnecessaryIsInstance]
             fix = f'write log["{self.paths[0]}"][:10]; for an interval of time, log.between(t0, t1)'
@@ -179,7 +179,7 @@ class Log:
         return self.signals[path]
 
     def declaration(self, path: str) -> Quantity | None:
-        """Return the declaration of a signal or of one of its elements; None if the signal has no declaration."""
+        """Return the declaration of a signal, or of an element of a vector, or None if it has no declaration."""
         return self.declarations.get(split_component(path)[0] if path not in self.declarations else path)
 
     def unit(self, path: str) -> str:
@@ -193,7 +193,7 @@ class Log:
         return component_paths(path, self[path].shape[1:])
 
     def between(self, t0: float, t1: float) -> "Log":
-        """Return the rows of the log with t0 <= t < t1 (s). Metadata and final values stay those of the whole run."""
+        """Return a log of the rows with t0 <= t < t1 (s). Metadata and final values are those of the complete run."""
         low, high = (float(np.clip(t, -1e11, 1e11)) for t in (t0, t1))
         first, last = (int(np.searchsorted(self.ticks, round(t * UNITS_PER_SECOND))) for t in (low, high))
         window = slice(first, max(first, last))
@@ -280,11 +280,11 @@ OTHER_SPELLINGS = {
     "states": 'log["truth.NAME"]',
     "shape": "len(log), len(log.paths)",
 }
-"""Attribute that users of other libraries expect a log to have -> expression to write instead."""
+"""Attribute that a log does not have, but users of other libraries expect -> expression to write instead."""
 
 
 def _other_spelling(log: Log, name: str) -> str:
-    """Return the expression to write instead of an attribute that a log does not have; "" if it is unknown."""
+    """Return the expression to write instead of an attribute that a log does not have, or "" if unknown."""
     signals = log.__dict__.get("signals", {})
     below = [path for path in signals if path.startswith(f"{name}.")]
     if name in OTHER_SPELLINGS:
@@ -310,9 +310,9 @@ def check_log(log: Any, call: str) -> None:
 
 
 def provenance() -> dict[str, str]:
-    """Return the package's version and the type of machine (processor, operating system).
+    """Return the version of the package, and the type of machine (processor, operating system).
 
-    Machines of the same type run bit-equal compiled code.
+    Compiled code computes the same results, bit for bit, on machines of the same type.
     """
     return {"version": __version__, "machine": f"{platform.machine()} {platform.system()}"}
 

@@ -1,9 +1,9 @@
-"""Limit of a log's size on the disk, and the behaviour at the limit.
+"""Limit of a log's size on the disk, and behaviour of the log at this limit.
 
-A rolling log continues in numbered files, vehicle.mcap, vehicle-2.mcap, …, each a complete log. The oldest files are
-deleted when all files together are too large, so the end of a flight is kept. A log that does not roll stops at the
-limit. Later rows are counted as unwritten, and the flight continues. The start of the flight is kept, so the flight can
-be replayed from its start. Source: docs page, Stream.
+A rolling log consists of numbered files, vehicle.mcap, vehicle-2.mcap, …, each of which is a complete log. The oldest
+files are deleted when all files together exceed the limit, so the log of the end of the flight is kept. A log that does
+not roll stops at the limit, and the flight continues. Later rows are only counted, as unwritten. The log of the start
+of the flight is kept, so the flight can be replayed from its start. Source: docs page, Stream.
 """
 
 import re
@@ -20,7 +20,7 @@ DEFAULT_LIMIT = 2 * UNITS["GB"]
 
 
 class LogLimit(NamedTuple):
-    """Limit of a log's size. size: total size of its files (bytes).
+    """Limit of a log's size. size: maximum total size of the log's files (bytes).
 
     rolls: True to delete the oldest files at the limit, False to stop the log.
     """
@@ -35,7 +35,7 @@ class LogLimit(NamedTuple):
 
 
 def parse_size(text: str) -> int:
-    """Return the bytes of a size such as "500 MB". Raise InputError if it is invalid or too small for a log."""
+    """Return the number of bytes for a text such as "500 MB". Raise InputError if it is invalid or below 1 MB."""
     found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([kMGT]B)\s*", text)
     size = round(float(found[1]) * UNITS[found[2]]) if found else 0
     if size < SMALLEST:
@@ -45,18 +45,18 @@ def parse_size(text: str) -> int:
 
 
 def format_size(size: int) -> str:
-    """Format a size in bytes with a readable unit."""
+    """Return the text of a size in bytes, with a suitable unit."""
     unit = max((u for u, n in UNITS.items() if size >= n), key=UNITS.__getitem__, default="kB")
     return f"{size / UNITS[unit]:g} {unit}"
 
 
 def round_size(size: float) -> str:
-    """Format a size in bytes with two significant digits, for estimates."""
+    """Return the text of an estimated size in bytes, with two significant digits."""
     return format_size(int(float(f"{size:.2g}")))
 
 
 def numbered_file(first: Path, number: int) -> Path:
-    """Return the path of a log's file by its number, which starts at 1."""
+    """Return the path of file number `number` of a log. Numbers start at 1."""
     return first if number == 1 else first.with_name(f"{first.stem}-{number}{first.suffix}")
 
 

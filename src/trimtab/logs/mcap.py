@@ -1,7 +1,8 @@
 """Logs as MCAP files, which Foxglove and the mcap command line tool open directly.
 
-Each block of the loop has a topic with JSON messages. The schemas are made from the declarations of the signals. This
-module reads and writes complete logs, and writes each file atomically. `logs.stream` writes logs during a flight.
+Each block of the loop has a topic with JSON messages. The schemas of the messages are made from the declarations of the
+signals. This module reads complete logs, and writes complete logs atomically. `logs.stream` writes logs during a
+flight.
 
 Source: MCAP format specification 0 (mcap.dev/spec), well-known encodings "json" and "jsonschema".
 """
@@ -55,7 +56,7 @@ VEHICLE = "vehicle"
 BLOCK_ROWS = 4096
 """Number of rows that are converted to text at a time."""
 SAMPLE_ROWS, SAMPLES = 250, 4
-"""Number of consecutive rows in a sample, and number of samples, for an estimate of the size of a log file."""
+"""Number of consecutive rows in a sample, and number of samples, from which the size of a log file is estimated."""
 
 
 @explain_call()
@@ -113,7 +114,7 @@ def _write_blocks(log: Log, stream: IO[bytes], blocks: Iterable[slice]) -> None:
 
 @explain_call()
 def read_mcap(path: str | os.PathLike[str]) -> Log:
-    """Read a log exactly as it was written.
+    """Read a log from an MCAP file. The result equals the log that was written.
 
     >>> import tempfile
     >>> from trimtab import read_log, simulate, write_log
@@ -121,9 +122,9 @@ def read_mcap(path: str | os.PathLike[str]) -> Log:
     >>> read_log(write_log(log, f"{tempfile.mkdtemp()}/run.mcap")).paths == log.paths
     True
 
-    From a truncated file (full disk, interrupted copy), the rows before the cut are read. ``metadata["truncated"]`` is
-    then True, and `final` is still that of the whole run. The messages of all topics with the same time form a row. A
-    row with a missing message, or in a damaged chunk, is left out. ``metadata["gaps"]`` describes the missing rows.
+    The messages of all topics with the same time form a row. A row with a missing message, or in a damaged chunk, is
+    left out, and ``metadata["gaps"]`` describes the missing rows. If the end of the file is missing (e.g. because of a
+    full disk or an interrupted copy), the existing rows are read, and ``metadata["truncated"]`` is True.
     """
     contents = parse_contents(path, _read_bytes(Path(path)))
     if LAYOUT not in contents.metadata or RUN not in contents.metadata:
@@ -136,14 +137,17 @@ def read_mcap(path: str | os.PathLike[str]) -> Log:
         raise InputError(f"log file '{path}'", problem, fix="read the file with the version of trimtab that wrote it")
     try:
         return _build_log(contents)
-    except Exception as error:  # other tools may have changed anything; the error must name the file
+    except Exception as error:  # other tools may have changed anything, and the message must name the file
         problem = f"is damaged: {getattr(error, 'problem', error)}"
         raise InputError(f"log file '{path}'", problem, fix="write the log again") from None
 
 
 @contextmanager
 def replace_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
-    """Open a stream to a new file, which replaces `path` when it is complete. After an error, the old file remains."""
+    """Open a new file for writing, which replaces the file `path` when it is complete.
+
+    If an error occurs, the old file is not changed.
+    """
     target = Path(path)
     beside = target.with_name(f".{target.name}.{uuid.uuid4().hex[:8]}.part")
     try:
@@ -185,7 +189,7 @@ def _write_rows(writer: "Writer", log: Log, channels: list[tuple[int, Fields]], 
 
 
 def _missing_content(contents: Contents) -> str:
-    """Return the reason why a file has no metadata records of a trimtab log."""
+    """Return the reason why a file does not contain the metadata records of a trimtab log, for an error message."""
     if not contents.is_truncated:
         return "is an MCAP file, but not a log of trimtab"
     known = {key: load_json(text) for key, text in contents.metadata.get(RUN, {}).items()}

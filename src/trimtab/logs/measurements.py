@@ -4,9 +4,9 @@
     6000,41
     8000,72
 
-Columns may be in any order, and unknown columns are ignored. The column ``trial`` numbers repeated measurements. These
-errors are reported with line and column: text instead of a number, a wrong unit, a value outside the column's range
-(from a wrong unit or swapped columns), and duplicate lines.
+Columns may be in any order, and unknown columns are ignored. Repeated measurements are numbered in the column
+``trial``. The following errors are reported with line and column: text instead of a number, a wrong unit, a value
+outside the column's range (e.g. because of a wrong unit or swapped columns), and duplicate lines.
 """
 
 import csv
@@ -25,20 +25,22 @@ from trimtab.core.units import UNITS, find_size
 from trimtab.core.user_file import read_user_text
 
 TRIAL = "trial"
-"""Name of the column that numbers repeated measurements. With this column, otherwise equal lines are accepted."""
+"""Name of the column with the numbers of repeated measurements. With this column, lines that are otherwise equal are
+accepted."""
 
 
 NEIGHBOURS = 2
-"""Number of readings before a reading, and number after it, with which the reading is compared to find spikes."""
+"""Number of readings before, and number of readings after a reading, with which the reading is compared to find
+spikes."""
 SPIKE = 12.0
-"""Deviation of a reading from its neighbours above which it is a spike, as a multiple of the usual deviation."""
+"""Threshold for spikes: deviation of a reading from the surrounding readings, as a multiple of the usual deviation."""
 
 
 class MeasuredColumn(NamedTuple):
-    """Column in the file of a calibration procedure.
+    """Column in the measurement file of a calibration procedure.
 
-    low, high: valid range of a value, in the column's unit.  most: smallest plausible value of the column's maximum.
-    needed: True if the file must have the column.  usual: unit in which the quantity is usually written.
+    low, high: limits of valid values, in the column's unit.  most: smallest plausible value of the largest number in
+    the column.  needed: True if the file must have this column.  usual: unit in which the quantity is usually written.
     """
 
     name: str
@@ -57,9 +59,10 @@ class MeasuredColumn(NamedTuple):
 
 @dataclass(frozen=True)
 class Measurements:
-    """Content of a file of measurements.
+    """Content of a measurement file.
 
-    file: name of the file.  lines: line number of each row (n,).  values: column -> values (n,) in the column's unit.
+    file: name of the file.  lines: line number of each row (n,).  values: name of a column -> values (n,) in the unit
+    of the `MeasuredColumn`.
     """
 
     file: str
@@ -71,7 +74,7 @@ class Measurements:
         return self.values[name]
 
     def __contains__(self, name: object) -> bool:
-        """Return True if the file has this column."""
+        """Return True if the file has a column with this name."""
         return name in self.values
 
     def __len__(self) -> int:
@@ -79,16 +82,16 @@ class Measurements:
         return len(self.lines)
 
     def select(self, chosen: Any) -> "Measurements":
-        """Return the measurements in the rows that a mask or indices select."""
+        """Return the measurements in some of the rows. rows: mask or indices of these rows."""
         return Measurements(self.file, self.lines[chosen], {n: v[chosen] for n, v in self.values.items()})
 
     def name_lines(self, chosen: Any) -> str:
-        """Format the line numbers of selected rows, e.g. "lines 4, 7 and 12"."""
+        """Return the line numbers of some of the rows as text, e.g. "lines 4, 7 and 12"."""
         return name_lines([int(n) for n in self.lines[chosen]])
 
 
 def name_lines(lines: Sequence[int], most: int = 6) -> str:
-    """Format line numbers as text, e.g. "lines 4, 7 and 12"."""
+    """Return line numbers as text, e.g. "lines 4, 7 and 12"."""
     if len(lines) == 1:
         return f"line {lines[0]}"
     if len(lines) > most:
@@ -104,7 +107,7 @@ def read_measurements(path: str | Path, columns: Iterable[MeasuredColumn], *, se
         columns: columns of the procedure. Columns without `needed=False` are required.
         series: True if the first column is the time, which must increase. False: duplicate lines are rejected.
 
-    Raises: InputError with file, line and column, and the text to write instead.
+    Raises: InputError for invalid content. The message names file, line and column, and says what to write.
     """
     columns, where = tuple(columns), f"file '{path}'"
     rows = _read_rows(where, Path(path), columns)
@@ -130,7 +133,7 @@ def read_measurements(path: str | Path, columns: Iterable[MeasuredColumn], *, se
 
 
 def refuse_spikes(data: Measurements, name: str) -> None:
-    """Raise InputError if single readings of a time series are far from the readings around them."""
+    """Raise InputError if a time series contains spikes, i.e. single readings far from the surrounding readings."""
     values = np.asarray(data[name], np.float64)
     if len(values) < 2 * NEIGHBOURS + 1:
         return
@@ -153,7 +156,8 @@ def describe_columns(columns: Iterable[MeasuredColumn]) -> str:
 
 
 def _read_rows(where: str, path: Path, columns: Sequence[MeasuredColumn]) -> list[tuple[int, list[str]]]:
-    """Return line number and cells of each row; the first row has the headings. Skip comments (#) and empty lines."""
+    """Return line number and cells of each row, without comments (#) and empty lines. The first row has the
+    headings."""
     wanted = f"first line {describe_columns(columns)}, then a line of numbers for each measurement"
     try:
         text = read_user_text(path, "utf-8-sig")
@@ -183,7 +187,7 @@ def _read_rows(where: str, path: Path, columns: Sequence[MeasuredColumn]) -> lis
 def _match_headings(
     where: str, line: int, head: Sequence[str], columns: Sequence[MeasuredColumn]
 ) -> tuple[dict[str, int], dict[str, float]]:
-    """Return column -> index in a row, and column -> conversion factor of the unit in its heading."""
+    """Return the name of a column -> index in a row, and the name of a column -> conversion factor of its unit."""
     at: dict[str, int] = {}
     factors: dict[str, float] = {}
     names = [re.split(r"\s*[\[(]", cell)[0].strip().lower().replace(" ", "_") for cell in head]
@@ -234,7 +238,7 @@ def _read_column(where: str, column: MeasuredColumn, cells: Sequence[tuple[int, 
 
 
 def _refuse_values(where: str, column: MeasuredColumn, data: Measurements) -> None:
-    """Raise InputError for values outside the column's range, e.g. from a wrong unit or swapped columns."""
+    """Raise InputError for values outside a column's range, e.g. because of a wrong unit or swapped columns."""
     values = data[column.name]
     outside = (values < column.low) | (values > column.high)
     fits = f"{column.low:.6g} to {column.high:.6g} {column.unit}"
@@ -246,7 +250,7 @@ def _refuse_values(where: str, column: MeasuredColumn, data: Measurements) -> No
 
 
 def _refuse_small(where: str, column: MeasuredColumn, data: Measurements) -> None:
-    """Raise InputError if all values of a column are implausibly small, e.g. from a wrong unit in the heading."""
+    """Raise InputError if all values of a column are implausibly small, e.g. because of a wrong unit in the heading."""
     values, about = data[column.name], f"column {column.name!r} ({column.meaning})"
     if float(np.max(np.abs(values))) < column.most:
         problem = f"{about}: no value is above {np.max(np.abs(values)):.3g} {column.unit}"

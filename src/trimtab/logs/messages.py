@@ -1,7 +1,7 @@
-"""JSON content of a log file: topics and their signals, JSON Schemas, and one message for each row.
+"""JSON content of a log file: topics with their signals, JSON Schemas, and one message for each log row.
 
-Numbers are exact. A float is written as the shortest JSON text that is read as the same bits. Infinity is ``1e999`` or
-``-1e999``, which is valid JSON and is read as infinity. NaN is ``null``.
+Numbers are stored exactly. A float is written as the shortest JSON text from which the same float is read. Infinity is
+written as ``1e999`` or ``-1e999``, which is valid JSON and is read as infinity. NaN is written as ``null``.
 
 Source: JSON Schema, draft 2020-12, as far as Foxglove reads it: one type per property, enumerations as oneOf of const.
 """
@@ -17,12 +17,13 @@ from trimtab.core.quantity import Quantity
 from trimtab.logs.log import Log, to_plain
 
 Fields = dict[str, tuple[str, ...]]
-"""Path of a signal -> keys under which its value is nested in a message."""
+"""Path of a signal -> keys under which the signal's value is nested in a message."""
 GROUPED = ("sensors", "downlink")
-"""Blocks of the loop with several members. Each member has its own topic in the log file."""
+"""Blocks of the loop with several members, e.g. sensors. Each member has a separate topic in the log file."""
 NOTE = "One message an instant. In numbers null stands for NaN, 1e999 for infinity."
 RUN, LAYOUT, FORMAT = "trimtab", "trimtab.layout", "1"
-"""Names of the metadata records of the run and of its signals, and version of the log's format."""
+"""Name of the metadata record of the run, name of the metadata record of the signals, and version of the log's
+format."""
 CLOCK, EPOCH = "trimtab.clock", "epoch_ns"
 """Name of the metadata record with the time of day at time zero (ns since 1970), and key of that time."""
 EVENTS = "/events"
@@ -44,7 +45,10 @@ NS_PER_SECOND = 1_000_000_000
 
 
 class Topic(NamedTuple):
-    """Topic of a log file. fields: its signals.  schema: name of its schema.  text: JSON text of the schema."""
+    """Topic of a log file.
+
+    fields: signals of the topic.  schema: name of the message schema.  text: JSON text of the schema.
+    """
 
     name: str
     fields: Fields
@@ -53,7 +57,10 @@ class Topic(NamedTuple):
 
 
 def group_by_topic(paths: tuple[str, ...]) -> dict[str, Fields]:
-    """Return topic -> its signals, as path of a signal -> keys under which its value is nested in a message."""
+    """Return the topic -> signals of the topic.
+
+    The signals are a dictionary: path of a signal -> keys under which the signal's value is nested in a message.
+    """
     topics: dict[str, Fields] = {}
     for path in paths:
         names = path.split(".")
@@ -63,7 +70,10 @@ def group_by_topic(paths: tuple[str, ...]) -> dict[str, Fields]:
 
 
 def topic_schema(log: Log, topic: str, fields: Fields) -> dict[str, Any]:
-    """Return the JSON Schema of a topic: each property with type, unit, meaning and, for a mode, names of the modes."""
+    """Return the JSON Schema of a topic.
+
+    Each property has type, unit and meaning. A property that is a mode also has the names of the modes.
+    """
     title = f"trimtab{topic.replace('/', '.')}"
     root: dict[str, Any] = {"title": title, "description": NOTE, "type": "object", "properties": {}}
     for path, keys in fields.items():
@@ -75,7 +85,7 @@ def topic_schema(log: Log, topic: str, fields: Fields) -> dict[str, Any]:
 
 
 def _property_schema(values: np.ndarray, declared: Quantity | None) -> dict[str, Any]:
-    """Return the schema of a property with a single type, because viewers reject unions such as number or null."""
+    """Return the schema of a property. It has a single type, because viewers reject unions such as number or null."""
     kind = {"b": "boolean", "f": "number"}.get(values.dtype.kind, "integer")
     schema: dict[str, Any] = {"type": kind}
     if values.ndim == 2:
@@ -117,9 +127,9 @@ def layout_record(log: Log) -> dict[str, str]:
 
 
 def message_texts(log: Log, fields: Fields, rows: slice) -> list[bytes]:
-    """Return the messages of a topic, one for each row of the log.
+    """Return the messages of a topic, one for each row of a log.
 
-    A template is filled with the texts of the numbers. This is much faster than json.dumps, also because a constant
+    The texts of the numbers are inserted into a template. This is much faster than json.dumps, also because a constant
     number is converted only once.
     """
     columns: list[list[str]] = []
@@ -135,7 +145,7 @@ def event_text(time: int, text: str) -> bytes:
 
 
 def dump_json(value: Any) -> str:
-    """Return the JSON text of a value of plain Python types. A non-finite number becomes e.g. {"$float": "nan"}."""
+    """Return the JSON text of a value. A number that is not finite is written as e.g. {"$float": "nan"}."""
     return json.dumps(_mark_non_finite(value), allow_nan=False, ensure_ascii=False)
 
 
@@ -145,13 +155,13 @@ def load_json(text: str) -> Any:
 
 
 def parse_quantity(fields: dict[str, Any]) -> Quantity:
-    """Create the declaration of a signal from its fields in the layout record."""
+    """Return the declaration of a signal, made from the fields in the metadata record of the signals."""
     plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()}
     return Quantity(**plain)
 
 
 def signal_values(messages: list[Any], keys: tuple[str, ...]) -> list[Any]:
-    """Return the values of one signal from the decoded messages of its topic."""
+    """Return the values of a signal, read from the decoded messages of the signal's topic."""
     for key in keys:
         messages = [message[key] for message in messages]
     return messages
@@ -166,7 +176,7 @@ def _mark_non_finite(value: Any) -> Any:
 
 
 def _tree(log: Log, fields: Fields) -> dict[str, Any]:
-    """Return the arrays of a topic's signals, nested like its messages."""
+    """Return the arrays of a topic's signals, in dictionaries nested like the topic's messages."""
     root: dict[str, Any] = {}
     for path, keys in fields.items():
         node = root
@@ -177,7 +187,10 @@ def _tree(log: Log, fields: Fields) -> dict[str, Any]:
 
 
 def _template(node: Any, rows: slice, columns: list[list[str]]) -> str:
-    """Return the JSON text of a node with %s in place of each number, and append the numbers' texts to `columns`."""
+    """Return a template: the JSON text of a message with %s in place of each number.
+
+    The texts of the numbers are appended to `columns`.
+    """
     if isinstance(node, dict):
         inner = (json.dumps(k).replace("%", "%%") + ":" + _template(v, rows, columns) for k, v in node.items())
         return "{" + ",".join(inner) + "}"

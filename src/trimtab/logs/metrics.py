@@ -1,4 +1,4 @@
-"""Metrics of a run against its targets: settling, first reach, overshoot and tail, see docs/logs/metrics.md."""
+"""Metrics of a run's signals relative to targets: settling, first reach, overshoot, tail (docs/logs/metrics.md)."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -39,7 +39,7 @@ def full_path(name: str) -> str:
 
 
 def target_path(log: Log, target: Target) -> str:
-    """Return the path of a target's signal; raise InputError if the log lacks it."""
+    """Return the path of a target's signal. Raise InputError if the log lacks this signal."""
     path = full_path(target.path)
     try:
         log[path]
@@ -53,7 +53,9 @@ def target_path(log: Log, target: Target) -> str:
 
 @explain_call()
 def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict[str, dict[str, float | None]]:
-    """Compute settling_s, first_reach_s, overshoot, tail_mean and tail_rms of each signal; None if undefined.
+    """Return the metrics settling_s, first_reach_s, overshoot, tail_mean and tail_rms of each signal.
+
+    A metric that is not defined is None.
 
     >>> from trimtab import Target, metrics, simulate
     >>> log = simulate("hovercraft/spin", duration="100 ms")
@@ -62,8 +64,8 @@ def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict
 
     Args:
         log: log of the run.
-        targets: at most one target for each signal. Without a target, the first three metrics are None.
-        signals: paths or short names of the signals, which are the keys of the result.
+        targets: at most one target for each signal. The first three metrics of a signal without a target are None.
+        signals: paths or short names of the signals. They are also the keys of the result.
     """
     by_path: dict[str, Target] = {}
     for target in targets:
@@ -71,19 +73,19 @@ def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict
         if path in by_path:
             raise InputError("metrics", f"there are two targets for {path!r}", fix="keep one target for each signal")
         by_path[path] = target
-    with np.errstate(over="ignore", invalid="ignore"):  # a diverged run gives None, not a warning
+    with np.errstate(over="ignore", invalid="ignore"):  # the metrics of a diverged run are None, without a warning
         return {name: _merits(log, full_path(name), by_path.get(full_path(name))) for name in signals}
 
 
 def mode_switches(log: Log) -> int:
-    """Return the number of mode switches of the law: the last ``law.switches``, or 0 without this signal."""
+    """Return the number of mode switches of the law: the last value of ``law.switches``, or 0 without this signal."""
     if "law.switches" in log and len(log):
         return int(log["law.switches"][-1])
     return 0
 
 
 def nearest_target_value(log: Log, target: Target) -> float:
-    """Return the target's value; for an angle, the equivalent value nearest to the last value of the signal."""
+    """Return the value of a target. For an angle, return the equivalent angle nearest to the signal's last value."""
     path = full_path(target.path)
     x = log[path]
     ends = x[np.isfinite(x)]
@@ -119,7 +121,8 @@ def _settling(t: Any, error: Any, band: float) -> float | None:
 
 
 def _first_reach(t: Any, error: Any, band: float) -> float | None:
-    """Return the time of the first sample in the band, or of an interpolated crossing of the target."""
+    """Return the time at which the signal first reaches the target: a sample within the band, or a crossing of the
+    target's value, whose time is interpolated."""
     inside = np.flatnonzero(np.abs(error) <= band)
     finite = np.isfinite(error)
     across = np.flatnonzero((np.sign(error[:-1]) * np.sign(error[1:]) < 0) & finite[:-1] & finite[1:])

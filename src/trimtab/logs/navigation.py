@@ -1,8 +1,8 @@
-"""Consistency of the navigation in one run: errors of an aided INS compared with the filter's own sigmas.
+"""Consistency of the navigation in one run: errors of an aided INS compared with the sigmas that the filter computes.
 
 Each update by a sensor is counted once. States that no sensor corrected are left out. The errors of one run are
-correlated, so every average is judged by its effective number of draws (`logs.consistency`, with the sources). A
-consistent filter stays within all bounds together with the requested probability.
+correlated, so every average is judged by its effective number of independent draws (sources: `logs.consistency`). A
+consistent filter is within all bounds simultaneously with the requested probability.
 """
 
 from typing import Any, NamedTuple
@@ -22,13 +22,14 @@ from trimtab.logs.consistency import (
 from trimtab.logs.log import Log
 
 BY_POSITION = ("surge_velocity", "sway_velocity", "north", "east", "forward_bias", "starboard_bias")
-"""States that only position or range measurements correct."""
+"""States that are corrected only by position or range measurements."""
 BY_HEADING = ("heading", "gyro_bias")
-"""States that heading measurements correct directly. In motion, position measurements correct them, too."""
+"""States that are corrected directly by heading measurements and, if the vehicle moves, also by position
+measurements."""
 
 
 SETTLED = 1.5
-"""Limit below which a sigma has settled, as a multiple of its largest value in the second half of the run."""
+"""Threshold below which a sigma counts as settled, as a multiple of its largest value in the second half of the run."""
 LAGS = 20
 GROUPS = {
     "heading": ("heading",),
@@ -38,15 +39,15 @@ GROUPS = {
     "gyro bias": ("gyro_bias",),
     "force bias": ("forward_bias", "starboard_bias"),
 }
-"""Name of a group -> fields of a NavigationState that are judged together, if the log contains their true values."""
+"""Name of a group of states -> fields of a NavigationState. The errors of a group are judged together."""
 
 
 class AidingUpdates(NamedTuple):
     """Updates of the filter by one aiding sensor.
 
-    t: times (n,) (s).  nis: NIS (n,).  normalised_innovations: (n, dof).  refusals: number of updates that the gate
-    rejected.  missed_updates: number of updates that are missing in the log, because another update followed before the
-    next row.
+    t: times of the updates (n,) (s).  nis: NIS of the updates (n,).  normalised_innovations: (n, dof).  refusals:
+    number of updates that the gate rejected.  missed_updates: number of updates that are missing in the log, because
+    another update followed before the next log row.
     """
 
     t: Any
@@ -60,9 +61,9 @@ class Aiding(NamedTuple):
     """Verdict on the measurements of one aiding sensor.
 
     updates: number of measurements in the log, including rejected ones.  refused: number of rejected measurements.
-    unseen: number of measurements that are missing in the log, because another one followed before the next row.
-    nis: verdict on NIS.  white: True if the innovations are white, None if they are too few.
-    p: probability that a white sequence is at least as correlated as the innovations.
+    unseen: number of measurements that are missing in the log, because another measurement followed before the next log
+    row.  nis: verdict on NIS.  white: True if the innovations are white, None if there are too few innovations.  p:
+    probability that a white sequence is at least as correlated as the innovations.
     """
 
     updates: int
@@ -76,9 +77,9 @@ class Aiding(NamedTuple):
 class SigmaConvergence(NamedTuple):
     """Convergence of a state's sigma in a run, which shows the state's observability along the trajectory.
 
-    first: sigma at the first valid estimate.  last: largest sigma in the last quarter of the run.
-    settled_s: time (s) after which sigma stays below 1.5 times its largest value in the second half of the run.
-    trend: converged, converging (still decreasing at the end), unseen (hardly below the first sigma), or growing.
+    first: sigma at the first valid estimate.  last: largest sigma in the last quarter of the run.  settled_s: time (s)
+    from which on sigma stays below 1.5 times its largest value in the second half of the run.  trend: converged,
+    converging (still decreasing at the end of the run), unseen (hardly decreased during the run), or growing.
     """
 
     first: float
@@ -90,10 +91,10 @@ class SigmaConvergence(NamedTuple):
 class Navigation(NamedTuple):
     """Consistency of the navigation in a run.
 
-    verdict: verdict on all sensors and states together.  probability: probability that a consistent filter stays within
-    all bounds.  since_s: time (s) at which the sigmas have settled. Errors and innovations after it are judged.
-    where: path of the navigation state in the log.  aiding: aiding sensor -> verdict.  errors: group of states ->
-    verdict.  learned: state -> convergence of its sigma.
+    verdict: verdict on all sensors and states together.  probability: probability that a consistent filter is within
+    all bounds.  since_s: time (s) at which the sigmas have settled. Only errors and innovations after this time are
+    judged. where: path of the navigation state in the log.  aiding: aiding sensor -> verdict.  errors: group of states
+    -> verdict.  learned: state -> convergence of its sigma.
     """
 
     verdict: str
@@ -112,7 +113,11 @@ class Navigation(NamedTuple):
 
 
 class Series(NamedTuple):
-    """Time series of one state: t (n,) (s), estimate (n,), error (n,) or None if the truth is unknown, sigma (n,)."""
+    """Time series of one state.
+
+    t: times (n,) (s).  estimate: estimate of the state (n,).  error: estimate minus truth (n,), or None if the truth is
+    unknown.  sigma: standard deviation of the error according to the filter (n,).
+    """
 
     t: Any
     estimate: Any
@@ -121,11 +126,11 @@ class Series(NamedTuple):
 
 
 def assess_navigation(log: Log, probability: float = 0.95) -> Navigation | None:
-    """Return the consistency of the navigation in a log; None if the estimate in the log has no innovations or sigmas.
+    """Return the consistency of the navigation in a log, or None if the log contains no innovations or no sigmas.
 
     Args:
         log: log of a run, with the default signals.
-        probability: probability that a consistent filter stays within all bounds.
+        probability: probability that a consistent filter is within all bounds.
     """
     aids, states = fix_paths(log), state_series(log)
     if not aids or not states:
@@ -152,11 +157,11 @@ def assess_navigation(log: Log, probability: float = 0.95) -> Navigation | None:
 
 
 def state_series(log: Log) -> dict[str, Series]:
-    """Return state -> its time series at new estimates, for the states that have a sigma.
+    """Return the name of a state -> time series of the state at new estimates, for all states that have a sigma.
 
-    The series contain errors if the log contains the truth. States without aiding in this run are left out, see
-    `unaided_states`. The result is empty without a valid estimate. An estimate is compared with the truth at the time
-    of its newest measurement. While the filter coasts, it is compared with the truth at the time of the row.
+    The time series contain errors if the log contains the true state. States without aiding in this run are left out,
+    see `unaided_states`. The result is empty if no estimate is valid. An estimate is compared with the truth at the
+    time of its newest measurement or, while the filter predicts without measurements, at the time of the log row.
     """
     base = state_path(log)
     if base is None:
@@ -180,19 +185,25 @@ def state_series(log: Log) -> dict[str, Series]:
 
 
 def innovations(log: Log) -> dict[str, tuple[Any, Any, int]]:
-    """Return aiding sensor -> times of its updates (n,) (s), NIS (n,), degrees of freedom. Each range is an update."""
+    """Return the name of an aiding sensor -> times of the updates (n,) (s), NIS (n,), and degrees of freedom.
+
+    With ranging sensors, each single range is an update.
+    """
     updates = {name: find_updates(log, path, -np.inf) for name, path in fix_paths(log).items()}
     return {name: (u.t, u.nis, u.normalised_innovations.shape[1]) for name, u in updates.items() if len(u.nis)}
 
 
 def state_path(log: Log) -> str | None:
-    """Return the path of the navigation state with sigmas in a log; None if the log contains no such state."""
+    """Return the path of the navigation state with sigmas in a log, or None if the log contains no such state."""
     sigmas = (p for p in log.paths if p.startswith("estimate.") and p.endswith(".sigma_heading"))
     return next((p.rpartition(".")[0] for p in sigmas), None)
 
 
 def fix_paths(log: Log) -> dict[str, str]:
-    """Return aiding sensor -> path of its statistics in the log. The sensor is "range" if each range is an update."""
+    """Return the name of an aiding sensor -> path of its statistics in the log.
+
+    The name is "range" for statistics in which each single range is an update.
+    """
     ends = ("nis", "normalised", "used", "rejected")
     fixes = [p[:-4] for p in log.paths if p.startswith("estimate.") and p.endswith(".nis")]
     whole = [p for p in fixes if all(f"{p}.{end}" in log for end in ends)]
@@ -200,7 +211,7 @@ def fix_paths(log: Log) -> dict[str, str]:
 
 
 def flag_signal(log: Log, path: str, otherwise: bool) -> Any:
-    """Return a signal as booleans (rows,). If the log lacks the signal, every row is `otherwise`."""
+    """Return a signal as booleans (rows,). If the log lacks the signal, all values are `otherwise`."""
     return log[path].astype(bool) if path in log else np.full(len(log), otherwise)
 
 
@@ -220,7 +231,7 @@ def unaided_states(log: Log) -> frozenset[str]:
 
 
 def find_updates(log: Log, path: str, since: float) -> AidingUpdates:
-    """Return the updates by a sensor: the rows in which its number of used or rejected measurements increases.
+    """Return the updates by a sensor, at the rows in which its number of used or rejected measurements increases.
 
     path: path of the sensor's statistics.  since: time (s) before which updates are left out.
     """
@@ -265,7 +276,7 @@ def _assess_aiding(u: AidingUpdates, tail: float) -> Aiding:
 
 
 def _normalised_errors(s: Series, since: float) -> Any:
-    """Return errors divided by sigmas; NaN where an error is not finite or a sigma is 0."""
+    """Return the errors divided by the sigmas. The result is NaN where an error is not finite or a sigma is 0."""
     ok = (s.t >= since) & np.isfinite(s.error) & (s.sigma > 0)
     return np.where(ok, s.error / np.where(s.sigma > 0, s.sigma, 1.0), np.nan)[s.t >= since]
 
@@ -282,5 +293,8 @@ def _assess_convergence(s: Series) -> SigmaConvergence:
 
 
 def _combine_verdicts(verdicts: list[str]) -> str:
-    """Return the first of optimistic, pessimistic, consistent that occurs in the verdicts; undecided if none occurs."""
+    """Return a common verdict: the first of optimistic, pessimistic, consistent that occurs in the verdicts.
+
+    Return undecided if none of these occurs.
+    """
     return next((v for v in (OPTIMISTIC, PESSIMISTIC, CONSISTENT) if v in verdicts), UNDECIDED)

@@ -1,7 +1,7 @@
 """Recording of a flight for Rerun's viewer: the moving body with its path, and all signals over time.
 
-    /world/vehicle        the body's frame and axes, in the world frame W      /world/way        the path of the body
-    /signals/truth/…      every signal of the log, by its path; each element of a vector separately
+    /world/vehicle        frame and axes of the body, in the world frame W      /world/way        path of the body
+    /signals/truth/…      all signals of the log, by path, with a separate entry for each element of a vector
 
 The axes of the scene are those of W: x north, y east, z down, as declared to Rerun.
 Source: Rerun's manual, Transform3D and send_columns.
@@ -26,10 +26,10 @@ MOST_NUMBERS = 64
 
 
 def write_rerun(file: Path, log: Log, motion: Any) -> dict[str, int]:
-    """Write a Rerun recording. Return the number of poses and of signal elements, by their paths in the recording.
+    """Write a Rerun recording. Return the path of each entity in the recording -> number of poses or signal elements.
 
     Args:
-        file: path that ends in .rrd; an existing file is replaced.
+        file: path that ends in .rrd. An existing file is replaced.
         log: log with the signals.
         motion: motion of the body, `run.log_motion.MotionRows`.
 

@@ -1,8 +1,8 @@
-"""Bounded ring buffer in shared memory, for rows of numbers and short texts from one process to another.
+"""Ring buffer of fixed size in shared memory, which passes rows of numbers and short texts from one process to another.
 
-The writing process never waits. When the ring buffer is full, a new row is dropped and counted. A gap in the sequence
-numbers shows the reading process where rows are missing. Either process may end at any time. Rows in the ring buffer
-stay readable.
+The writing process never waits. If the ring buffer is full, a new row is dropped and counted. A gap in the sequence
+numbers shows the reading process where rows are missing. If one of the processes ends, the rows in the ring buffer can
+still be read.
 """
 
 import math
@@ -20,22 +20,22 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 COLUMNS, ROWS, EVENTS, ROWS_WRITTEN, ROWS_READ, ROWS_DROPPED, TEXTS_WRITTEN, TEXTS_READ = range(8)
-"""Indices in the header of the ring buffer: sizes, then counters of the writing and of the reading process."""
+"""Indices of the values in the ring buffer's header: sizes, then counters of the writing and of the reading process."""
 HEAD = 128
 TEXT_HEAD = struct.Struct("<qqd")
-"""Header of a text event: sequence number of the next row, length of the text (bytes), first number of the last row."""
+"""Header of a text: sequence number of the next row, length of the text (bytes), first number of the previous row."""
 TEXT_BYTES = 232
 """Maximum length of a text in the ring buffer (bytes)."""
 TEXT = TEXT_HEAD.size + TEXT_BYTES
 SETTLE = 1e-4
-"""Time (s) after which all cores see the values that one core has written, on machines with any memory ordering."""
+"""Time (s) after which a value that one processor core has written is visible to all cores, on any type of machine."""
 SHARED = Path("/dev/shm")
 
 
 class TextEvent(NamedTuple):
     """Text in the ring buffer. before: sequence number of the first row written after the text.
 
-    newest: first number, e.g. the time, of the last row written before the text; NaN before the first row.
+    newest: first number, e.g. the time, of the last row written before the text, or NaN if no row was written.
     """
 
     before: int
@@ -44,7 +44,7 @@ class TextEvent(NamedTuple):
 
 
 class Ring:
-    """Ring buffer in shared memory. `Ring.create` creates it, `Ring.attach` opens it in another process.
+    """Ring buffer in shared memory. One process calls `Ring.create`, the other process `Ring.attach`.
 
     Only one thread may write, and only one thread may read.
     """
@@ -65,21 +65,21 @@ class Ring:
 
     @classmethod
     def create(cls, name: str = "", *, columns: int, rows: int = 4096, events: int = 256) -> "Ring":
-        """Create a ring buffer, and write to its memory so that all pages are allocated.
+        """Create a ring buffer in shared memory, with all memory pages allocated.
 
         Args:
-            name: name with which the other process opens the ring buffer; chosen automatically if empty.
-            columns: number of numbers in a row.
-            rows: capacity in rows. When it is reached, new rows are dropped.
-            events: capacity in texts.
+            name: name by which the other process opens the ring buffer. Empty: the name is chosen automatically.
+            columns: count of numbers in a row.
+            rows: maximum number of unread rows. Further rows are dropped.
+            events: maximum number of unread texts.
         """
         if min(columns, rows, events) < 1:
             problem = f"must have at least 1 column, row and event, got {columns} columns, {rows} rows, {events} events"
-            raise InputError("ring", problem, fix="give at least one of each")
+            raise InputError("ring", problem, fix="use at least one of each")
         size = HEAD + 8 * rows * (columns + 1) + TEXT * events
         if SHARED.is_dir() and shutil.disk_usage(SHARED).free < size:
             problem = f"{size / 1e6:.1f} MB do not fit into {SHARED}"
-            fix = "give fewer rows, or more shared memory, e.g. docker run --shm-size=1g"
+            fix = "use fewer rows, or provide more shared memory, e.g. docker run --shm-size=1g"
             raise InputError("ring", problem, fix=fix)
         try:
             memory = shared_memory.SharedMemory(name or None, create=True, size=size)
@@ -95,7 +95,7 @@ class Ring:
 
     @classmethod
     def attach(cls, name: str) -> "Ring":
-        """Open a ring buffer that another process has created, by its name."""
+        """Open a ring buffer that another process has created. name: name of the ring buffer."""
         try:
             memory = _open_memory(name)
         except FileNotFoundError:
@@ -108,7 +108,7 @@ class Ring:
 
     @property
     def name(self) -> str:
-        """Return the name with which another process opens the ring buffer."""
+        """Return the name by which another process opens the ring buffer."""
         return self._memory.name
 
     @property
@@ -118,11 +118,11 @@ class Ring:
 
     @property
     def waiting_rows(self) -> int:
-        """Return the number of rows that are written and not yet read."""
+        """Return the number of rows that have been written but not read."""
         return self._head[ROWS_WRITTEN] - self._head[ROWS_READ]
 
     def write_row(self, row: Any) -> bool:
-        """Write a row, float64 (columns,), without waiting. Return False if it is dropped for lack of room."""
+        """Write a row, float64 (columns,), without waiting. Return False if the ring buffer is full."""
         head, n, sequence = self._head, self._written, self._sequence
         self._sequence = sequence + 1
         if n - head[ROWS_READ] >= self.rows:
@@ -135,7 +135,7 @@ class Ring:
         return True
 
     def write_text(self, text: str) -> bool:
-        """Write a text, cut to TEXT_BYTES bytes. Return False if the text is dropped for lack of room."""
+        """Write a text, cut to TEXT_BYTES bytes, without waiting. Return False if the ring buffer is full."""
         head = self._head
         n = head[TEXTS_WRITTEN]
         if n - head[TEXTS_READ] >= self.events:
@@ -171,7 +171,7 @@ class Ring:
         return texts
 
     def close(self) -> None:
-        """Detach from the ring buffer. It remains until `unlink`, or until the process that created it ends."""
+        """Detach from the ring buffer. The memory remains until `unlink`, or until the process that created it ends."""
         if self._memory.buf is None:
             return
         del self._sequences, self._numbers

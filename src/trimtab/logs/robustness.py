@@ -36,13 +36,16 @@ EQUALITY_ROBUSTNESS = 1e-30
 EXTREMES = {"always": np.minimum, "historically": np.minimum, "eventually": np.maximum, "once": np.maximum}
 PENDING, HOLDS, VIOLATED = range(3)
 VERDICTS = ("pending", "holds", "violated")
-"""Possible verdicts on a formula during a flight."""
+"""Names of the possible verdicts on a formula during a flight."""
 OPPOSITE = {"historically": "always", "once": "eventually", "since": "until"}
-"""Operator about the past -> operator about the future that is equivalent in reversed time."""
+"""Temporal operator about the past -> operator about the future that is equivalent if the time is reversed."""
 
 
 class Assessment(NamedTuple):
-    """Verdict on a formula for a log. robustness: value at the first row, in `unit`; above 0 if the formula holds."""
+    """Verdict on a formula for a log.
+
+    robustness: robustness at the first row of the log, in the unit `unit`. It is above 0 if the formula holds.
+    """
 
     formula: str
     robustness: float
@@ -54,12 +57,12 @@ class Assessment(NamedTuple):
         return self.robustness > 0
 
     def __str__(self) -> str:
-        """Return one line of text, e.g. "holds, robustness 0.12 rad/s: always(…)"."""
+        """Return the verdict as one line of text, e.g. "holds, robustness 0.12 rad/s: always(…)"."""
         return f"{'holds' if self.holds else 'VIOLATED'}, robustness {format_robustness(self)}: {self.formula}"
 
 
 def format_robustness(assessment: Assessment) -> str:
-    """Format the robustness with its unit; 0 for a comparison of equal numbers."""
+    """Return the robustness with its unit as text. The value of a comparison of equal numbers is shown as 0."""
     value = 0.0 if abs(assessment.robustness) <= EQUALITY_ROBUSTNESS else assessment.robustness
     return f"{value:.4g}" + (f" {assessment.unit}" if assessment.unit != "1" else "")
 
@@ -85,7 +88,7 @@ def assess_formula(log: Log, text: str) -> Assessment:
 
 
 def check_length(formula: Formula, duration: int) -> None:
-    """Raise InputError if a formula needs a longer run than this duration (100 ns)."""
+    """Raise InputError if a formula looks ahead by more than the duration of a run (100 ns)."""
     needed = least_length(formula.root)
     if needed > duration:
         problem = f"the formula looks {format_time(needed)} ahead, but the run lasts {format_time(duration)}"
@@ -107,7 +110,10 @@ def robustness(formula: Formula, ticks: Any, read: Callable[[str], Any]) -> Any:
 
 
 class _Rows:
-    """Evaluation of formulas on m rows of n runs, as arrays (m, n). sign: -1 for a negated formula, else 1."""
+    """Evaluation of formulas at m rows of n runs. The results are arrays (m, n).
+
+    sign: argument of the methods, -1 for a negated formula, else 1.
+    """
 
     def __init__(self, ticks: Any, read: Callable[[str], Any]) -> None:
         self.ticks, self.read = ticks, read
@@ -129,7 +135,10 @@ class _Rows:
 
 
 def evaluate_number(tree: Any, read: Callable[[str], Any]) -> Any:
-    """Return the value of a numeric expression in a formula. read: function from a path to values (…, components)."""
+    """Return the value of a numeric expression in a formula.
+
+    read: function that returns the values (…, components) of the signal with a given path.
+    """
     if isinstance(tree, Literal):
         return tree.value
     if isinstance(tree, SignalPath):
@@ -151,7 +160,8 @@ def evaluate_number(tree: Any, read: Callable[[str], Any]) -> Any:
 def compare(xp: Any, left: Any, relation: str, right: Any, sign: int) -> Any:
     """Return the robustness of a comparison. xp: numpy or jax.numpy.
 
-    sign: -1 if the comparison is negated, else 1. With it, neither a comparison with NaN nor its negation holds.
+    sign: -1 if the comparison is negated, else 1. It is needed so that with NaN neither a comparison nor its negation
+    holds.
     """
     room = right - left if relation in ("<", "<=") else left - right
     if relation in ("==", "!="):
@@ -162,7 +172,10 @@ def compare(xp: Any, left: Any, relation: str, right: Any, sign: int) -> Any:
 
 
 def join(xp: Any, word: str, below: list[Any]) -> Any:
-    """Return the robustness of not, and, or, implies, applied to the robustness of the operands."""
+    """Return the robustness of a formula with the operator not, and, or, implies.
+
+    word: the operator.  below: robustness of the operands.
+    """
     if word == "not":
         return -below[0]
     if word == "and":
@@ -189,10 +202,10 @@ def _look_ahead(ticks: Any, word: str, low: int, high: int | None, below: list[A
 
 
 def slide(x: Any, first: Any, last: Any, extreme: Any) -> Any:
-    """Return the minimum or maximum of x (m, n) over the rows first[i] … last[i], for each row i, shape (m, n).
+    """Return, for each row i, the minimum or maximum of x (m, n) over the window of rows first[i] … last[i], (m, n).
 
-    first, last: first and last row of each window, both non-decreasing.  extreme: np.minimum or np.maximum. For a
-    window without rows the result is +inf or -inf.
+    first, last: indices of the first and last row of each window, both non-decreasing.  extreme: np.minimum or
+    np.maximum. For a window without rows, the result is +inf or -inf.
     """
     result = np.full(x.shape, np.inf if extreme is np.minimum else -np.inf)
     full = np.flatnonzero(first <= last)

@@ -25,25 +25,30 @@ TYPES = {"odom": "nav_msgs/msg/Odometry", "tf": "tf2_msgs/msg/TFMessage", "imu":
 HALF = math.sqrt(0.5)
 NED_IN_ENU, FLU_IN_FRD = (0.0, HALF, HALF, 0.0), (0.0, 1.0, 0.0, 0.0)
 NO_ORIENTATION = -1.0
-"""First element of a covariance that marks a missing measurement in sensor_msgs/Imu."""
+"""First element of a covariance matrix in sensor_msgs/Imu if the quantity is not measured."""
 BAG_VERSION = 9
 
 
 class RosPose(NamedTuple):
-    """Position in `map` (n, 3), and attitude of `base_link` in `map` as quaternions x, y, z, w (n, 4)."""
+    """Poses of the vehicle in the frames of ROS.
+
+    The fields are the position in frame `map` (n, 3), and the attitude of `base_link` in `map`, as quaternions x, y, z,
+    w (n, 4).
+    """
 
     position: Any
     orientation: Any
 
 
 def convert_pose(position: Any, attitude: Any) -> RosPose:
-    """Convert positions in W (n, 3) and quaternions q_WB (n, 4), scalar first, to the axes of ROS."""
+    """Return poses in the frames of ROS, for positions in W (n, 3) and quaternions q_WB (n, 4), scalar first."""
     turned = multiply_quaternions(multiply_quaternions(np.array(NED_IN_ENU), attitude), np.array(FLU_IN_FRD))
     return RosPose(position[:, [1, 0, 2]] * [1, 1, -1], turned[:, [1, 2, 3, 0]])
 
 
 def convert_vector(in_body: Any) -> Any:
-    """Convert vectors in B (n, 3) to the axes forward, left, up of ROS."""
+    """Return vectors (n, 3) in the body axes of ROS (forward, left, up), for vectors in B (forward, starboard,
+    down)."""
     return in_body * [1, -1, -1]
 
 
@@ -57,7 +62,7 @@ def multiply_quaternions(p: Any, q: Any) -> Any:
 
 
 def write_ros2_bag(folder: Path, motion: Any, imus: Mapping[str, Any], epoch: int = 0) -> dict[str, int]:
-    """Write a ROS 2 bag. Return topic -> number of its messages. Rows with NaN are left out.
+    """Write a ROS 2 bag. Return the topic -> number of messages. Rows with NaN are left out.
 
     Args:
         folder: path of a folder that does not exist yet.
@@ -71,7 +76,7 @@ def write_ros2_bag(folder: Path, motion: Any, imus: Mapping[str, Any], epoch: in
     part = f"folder '{folder}'"
     rosbag2 = import_package(part, "rosbags.rosbag2")
     if folder.exists():
-        raise InputError(part, "exists already", fix="name a new folder; a bag is written as a whole")
+        raise InputError(part, "exists already", fix="use the name of a new folder, because a bag cannot be extended")
     messages = RosMessages(import_package(part, "rosbags.typesys"), epoch)
     topics = {"/odom": ("odom", motion), "/tf": ("tf", motion), "/imu": ("imu", motion)}
     topics |= {f"/{name}/imu": ("imu", rows) for name, rows in imus.items()}
@@ -89,7 +94,7 @@ def write_ros2_bag(folder: Path, motion: Any, imus: Mapping[str, Any], epoch: in
 
 
 def _keep_finite(rows: Any) -> Any:
-    """Return the rows in which all numbers are finite."""
+    """Return the arrays with only those rows in which all numbers of all arrays are finite."""
     good = np.logical_and.reduce([np.isfinite(c).reshape(len(c), -1).all(axis=1) for c in rows])
     return type(rows)(*(c[good] for c in rows))
 
@@ -98,14 +103,15 @@ class RosMessages:
     """Encoder of rows of a log as messages of ROS 2 Humble."""
 
     def __init__(self, typesys: Any, epoch: int) -> None:
-        """Create an encoder. typesys: module `typesys` of rosbags.  epoch: time of day at time zero (ns)."""
+        """Create an encoder. typesys: module `typesys` of the package rosbags.  epoch: time of day at time zero
+        (ns)."""
         self.store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
         self._epoch = epoch
 
     def encode(self, kind: str, rows: Any, *, is_measured: bool) -> list[tuple[int, bytes]]:
         """Return time (ns) and bytes of the message of each row.
 
-        is_measured: True for samples of an IMU, which have no attitude.
+        is_measured: True for samples of a real IMU, which contain no attitude.
         """
         times = (rows.ticks * NS_PER_TICK + self._epoch).tolist()
         if kind == "imu":

@@ -1,8 +1,8 @@
-"""Reading of a sensor's samples from a log, and creation of a log from samples.
+"""Samples of a sensor: reading from a log, and creation of a log from samples.
 
-The rows of a log repeat the last sample of a sensor until a new sample arrives. Each row also contains the sample's
-time of measurement, by which repeated samples are recognised and read once. CSV files of other loggers become logs with
-a signal for each column of numbers.
+Each row of a log contains the last sample of each sensor, with its time of measurement. So the same sample is repeated
+until a new sample arrives. A sample that is repeated is read only once. From a CSV file of another program, a log with
+one signal for each column of numbers can be made.
 """
 
 import os
@@ -21,9 +21,10 @@ from trimtab.logs.csv_table import CsvColumn, read_table, split_heading, time_un
 from trimtab.logs.log import Log
 
 BLOCK = "csv"
-"""Name of the block of all signals read from a CSV file, as in ``csv.gyro_z``."""
+"""First component of the paths of signals that were read from a CSV file, as in ``csv.gyro_z``."""
 GAPS_MAX = 0.01
-"""Largest ratio of gaps to samples at which the longest stretch without gaps is used. Above it, an error is raised."""
+"""Largest ratio of gaps to samples for which the longest section without gaps is used. Above this ratio, an error is
+raised."""
 PERIOD_MIN = 2e-5
 """Shortest plausible sample period of a sensor (s). It serves to detect a wrong time unit."""
 PERIOD_MAX = 2.0
@@ -32,7 +33,7 @@ PERIOD_LIKELY = 0.5
 """Longest likely sample period of a sensor (s). It serves to suggest a time unit in an error message."""
 
 RECEIVED, TRUTH = "downlink", "truth"
-"""Names of two blocks of a log: signals received by the autopilot, and the true state."""
+"""First components of log paths: of the samples received by the autopilot, and of the true state."""
 
 
 class Samples(NamedTuple):
@@ -49,10 +50,10 @@ class Samples(NamedTuple):
 
 
 class SampleSeries(NamedTuple):
-    """Samples of one sensor, or of the truth.
+    """Samples of one sensor, or of the true state.
 
-    ticks: times of measurement, int64 (n,), in 100 ns, increasing.  values: field -> values (n,) or (n, k).
-    declarations: field -> unit and meaning.
+    ticks: times of measurement, int64 (n,), in 100 ns, increasing.  values: name of a field -> values (n,) or (n, k).
+    declarations: name of a field -> unit and meaning.
     """
 
     ticks: Any
@@ -63,21 +64,23 @@ class SampleSeries(NamedTuple):
 def log_samples(
     sensors: Mapping[str, SampleSeries], truth: SampleSeries | None = None, metadata: Mapping[str, Any] | None = None
 ) -> Log:
-    """Create a log from samples recorded by another system, for a replay. With truth, results can be compared.
+    """Return a log made from samples that another system recorded, for a replay of an estimator.
 
     The log has a row at each time of measurement, as if each sample had arrived without delay. Each row contains the
-    newest sample of each sensor. Sample times may start at any value; they are shifted so that the first row is at 0.
+    newest sample of each sensor. Sample times may start at any value: they are shifted so that the first row is at 0.
 
     Args:
-        sensors: name of a sensor, as in the estimator -> its samples.
-        truth: samples of the true state, which are interpolated to the rows.
+        sensors: name of a sensor, as in the estimator -> samples.
+        truth: samples of the true state, which are interpolated to the rows, to compare the estimates with them.
         metadata: metadata to add to the log.
 
     Raises:
         InputError: no sensor is given, ticks do not increase, or a field has not one value for each tick.
     """
     if not sensors:
-        raise InputError("log_samples", "no sensor was given", fix='give some, e.g. {"ranging": SampleSeries(…)}')
+        raise InputError(
+            "log_samples", "no sensor was given", fix='pass at least one sensor, e.g. {"ranging": SampleSeries(…)}'
+        )
     every = dict(sensors) | ({TRUTH: truth} if truth is not None else {})
     for name, series in every.items():
         _check_series(name, series)
@@ -122,13 +125,13 @@ def _check_series(name: str, series: SampleSeries) -> None:
 
 
 def samples(log: Log, path: str, *, longest: bool = False) -> Samples:
-    """Return the samples of a signal, each once. Raise InputError if samples are missing or unevenly spaced.
+    """Return the samples of a signal, without repetitions. Raise InputError if samples are missing or unevenly spaced.
 
     Args:
         log: log of a run or of a sensor.
         path: path of a sensor's signal, e.g. ``sensors.imu.value.angular_rate``, or of another signal, for which each
             row is a sample.
-        longest: True to return the longest stretch without gaps if few samples are missing.
+        longest: True to return the longest section without gaps if only few samples are missing.
     """
     values, ticks = log[path], log.ticks
     sample = sample_path(log, path)
@@ -161,7 +164,7 @@ def samples(log: Log, path: str, *, longest: bool = False) -> Samples:
 
 
 def sample_path(log: Log, path: str) -> str | None:
-    """Return the path of the sensor sample to which a signal belongs, e.g. ``sensors.imu``; None for other signals."""
+    """Return the path of the sensor sample that contains a signal, e.g. ``sensors.imu``, or None for other signals."""
     before, value, _ = path.partition(".value.")
     return before if value and f"{before}.t" in log else None
 
@@ -181,10 +184,10 @@ def _refuse_gaps(log: Log, path: str, ticks: Any, uneven: Any, usual: float, *, 
 
 
 def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
-    """Read a CSV file as a log. Its times are shifted to start at 0 and rounded to 100 ns.
+    """Return a log made from a CSV file. The times are shifted to start at 0, and rounded to 100 ns.
 
-    Columns with a cell that is not a finite number are left out. The log's metadata ``left_out`` give the reason for
-    each of these columns.
+    A column with a cell that is not a finite number is left out. The log's metadata ``left_out`` contain the reason for
+    each such column.
 
     Args:
         path: path of the file.
@@ -223,9 +226,9 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
 
 
 def _time_scale(where: str, clock: CsvColumn, unit: str) -> float:
-    """Return the unit of the time column, in seconds. Raise InputError if the unit is unknown or not plausible.
+    """Return the unit of the time column, as a number of seconds. Raise InputError for an unknown or implausible unit.
 
-    unit: unit that the user gave, or empty. If no unit is given or stated in the file, seconds are assumed.
+    unit: unit that the user typed, or "". If neither the user nor the file states a unit, seconds are assumed.
     """
     said = unit or clock.unit or time_unit(clock.name) or ""
     scale = find_size(said or "s", "s")
@@ -245,12 +248,15 @@ def _time_scale(where: str, clock: CsvColumn, unit: str) -> float:
 
 
 def usual_period(times: Any) -> float:
-    """Return the median difference of successive times (n,), in their unit; NaN for fewer than two times."""
+    """Return the median difference of successive times (n,), in the unit of the times, or NaN for fewer than two."""
     return float(np.median(np.diff(times))) if len(times) > 1 else np.nan
 
 
 def _signal_paths(where: str, names: list[str], time: str) -> dict[str, str]:
-    """Return column -> path of its signal, without the time column. Raise InputError if two paths are equal."""
+    """Return the name of a column -> path of the signal, for all columns except the time column.
+
+    Raise InputError if two paths are equal.
+    """
     paths: dict[str, str] = {}
     for i, name in enumerate(names):
         whole, index = re.fullmatch(r"(.*?)((?:\[\d+\])?)", name).groups()  # pyright: ignore[reportOptionalMemberAccess]

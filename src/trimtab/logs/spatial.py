@@ -1,7 +1,8 @@
-"""Readable signals of a flight in three dimensions: roll, pitch, yaw, altitude and speeds, from a log's truth.
+"""Readable signals of a flight in three dimensions: roll, pitch, yaw, altitude and speeds, from the true state in a
+log.
 
-The quaternion of a vehicle's attitude and the vector of its position are hard to read in a table or a plot. The source
-signals are recognised by their declarations:
+A quaternion and a position vector are hard to read in a table or plot. Therefore the readable signals are derived from
+signals of the true state, which are recognised by their declarations:
 
     attitude   (4,), unit 1, frame WB or IB: a quaternion, scalar first
     position   (3,), m, frame of the attitude, W or I      velocity  (3,), m/s, frame W, I or B
@@ -55,15 +56,18 @@ UNPAIRED = {"north", "east", "heading", "yaw_rate", "depth"}
 
 
 def referenced_signal(path: str) -> str:
-    """Return X for the path `law.X_reference` of a reference that is drawn with the signal X, or "" for other paths."""
+    """Return the name X for the path `law.X_reference` of a reference signal, or "" for other paths.
+
+    The reference is drawn together with the signal X.
+    """
     name = path.removeprefix("law.").removesuffix("_reference")
     return name if path == f"law.{name}_reference" and name not in UNPAIRED else ""
 
 
 class SpatialSignals(NamedTuple):
-    """Paths of the signals of a vehicle's motion in three dimensions; "" for a missing signal.
+    """Paths of the signals of a vehicle's motion in three dimensions. The path of a missing signal is "".
 
-    frame: frame of attitude and position, "W" or "I".  velocity_frame: frame of the velocity; "" without a velocity.
+    frame: frame of attitude and position, "W" or "I".  velocity_frame: frame of the velocity, or "" without a velocity.
     """
 
     attitude: str
@@ -75,7 +79,7 @@ class SpatialSignals(NamedTuple):
 
 
 def find_spatial(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Quantity]) -> SpatialSignals | None:
-    """Find the signals of a vehicle's motion in three dimensions. Return None without an attitude signal.
+    """Return the signals of a vehicle's motion in three dimensions, or None without an attitude signal.
 
     Args:
         shapes: path of each signal -> its shape at one instant.
@@ -97,8 +101,8 @@ def find_spatial(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Q
 class FlightSource(NamedTuple):
     """Source signals from which `flight.roll` etc. are computed, in a log or in a campaign.
 
-    signals: signals of a state with a quaternion, or None.  named: name in DECLARED -> path of the signal, for a state
-    that contains the angles themselves.
+    signals: signals of a state with a quaternion, or None.  named: name in DECLARED -> path of the source signal, for a
+    state that contains roll, pitch and yaw.
     """
 
     signals: SpatialSignals | None
@@ -112,12 +116,14 @@ class FlightSource(NamedTuple):
     def work_out(
         self, t: Any, rows: Mapping[str, Any], ends: Mapping[str, Any], end: float, parameters: Mapping[str, Any]
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Compute `flight.roll` etc. of one flight, each (n,), and their final values if `ends` has all source signals.
+        """Return `flight.roll` etc. of one flight, each (n,), and the final value of each.
+
+        The final values are computed only if `ends` contains all source signals.
 
         Args:
             t: instants (n,) (s).
-            rows: path of a source signal -> its values (n, …).
-            ends: path of a source signal -> its value (…) at the end of the flight.
+            rows: path of a source signal -> values (n, …).
+            ends: path of a source signal -> value (…) at the end of the flight.
             end: time of the end of the flight (s).
             parameters: parameters of the run, as in `work_out_flight`.
         """
@@ -134,13 +140,13 @@ class FlightSource(NamedTuple):
         return {p: x[:n] for p, x in flight.items()}, {p: x[-1] for p, x in flight.items()} if has_end else {}
 
     def flight_paths(self, shapes: Mapping[str, tuple[int, ...]], parameters: Mapping[str, Any]) -> list[str]:
-        """Return the paths of the derived signals that can be computed. shapes: path of each signal -> its shape."""
+        """Return the paths of the derived signals that can be computed. shapes: path of a signal -> shape."""
         any_rows = {p: np.full((2, *shapes[p]), 7e6) for p in self.paths}
         return list(self.work_out(np.arange(2.0), any_rows, {}, 2.0, parameters)[0])
 
 
 def find_flight(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Quantity]) -> FlightSource | None:
-    """Find the source signals of a flight. Return None for a vehicle that moves in a plane, and for a swarm.
+    """Return the source signals of a flight, or None for a vehicle that moves in a plane and for a swarm.
 
     Args:
         shapes: path of each signal -> its shape at one instant. Only signals of the truth are used.
@@ -152,12 +158,12 @@ def find_flight(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Qu
 
 
 def find_logged_flight(log: Log) -> FlightSource | None:
-    """Find the source signals of a flight in the truth of a log, as `find_flight`."""
+    """Return the source signals of a flight in the true state of a log, as `find_flight` does."""
     return find_flight({p: log[p].shape[1:] for p in log.paths if p.startswith(TRUTH)}, log.declarations)
 
 
 def find_named(paths: Iterable[str], prefix: str) -> dict[str, str]:
-    """Return name in DECLARED -> path, for a state that contains roll and pitch themselves; otherwise return {}."""
+    """Return the name in DECLARED -> path of the signal, for a state that contains roll and pitch, else {}."""
     known = set(paths)
     found = {name: prefix + name for name in DECLARED if prefix + name in known}
     return found if {"roll", "pitch"} <= found.keys() else {}
@@ -170,7 +176,10 @@ def flight_sources(log: Log) -> set[str]:
 
 
 def with_flight(log: Log) -> Log:
-    """Add `flight.roll` etc. to the log of a vehicle that moves in three dimensions. Return other logs unchanged."""
+    """Return a log with `flight.roll` etc. added, for a vehicle that moves in three dimensions.
+
+    Other logs are returned unchanged.
+    """
     found = find_logged_flight(log)
     if found is None or f"{FLIGHT}roll" in log:
         return log
@@ -179,7 +188,7 @@ def with_flight(log: Log) -> Log:
 
 
 def spatial_poses(log: Log) -> Any:
-    """Return the vehicle's poses (n, 9) for `logs.frames`; None if attitude or position is unknown.
+    """Return the vehicle's poses (n, 9) for `logs.frames`, or None if attitude or position is unknown.
 
     A pose is position, roll, pitch and yaw in W, then latitude, longitude and height. The last three are NaN unless the
     vehicle flies over the rotating earth.
@@ -198,7 +207,7 @@ def spatial_poses(log: Log) -> Any:
 
 
 def _complete(numbers: dict[str, Any], t: Any) -> dict[str, Any]:
-    """Unwrap roll and yaw, and add missing speeds, computed from differences of the position."""
+    """Return the signals with roll and yaw unwrapped, and with missing speeds computed from position differences."""
     for name in ("roll", "yaw"):
         if name in numbers:
             numbers[name] = np.unwrap(numbers[name])
@@ -212,7 +221,7 @@ def _complete(numbers: dict[str, Any], t: Any) -> dict[str, Any]:
 
 
 def _extend(log: Log, flight: Mapping[str, Any], ends: Mapping[str, Any]) -> Log:
-    """Return the log with additional signals. The existing signals are read only when requested."""
+    """Return a log with additional signals. The existing signals are read from the file only when requested."""
     for values in flight.values():
         values.setflags(write=False)
 
@@ -226,7 +235,7 @@ def _extend(log: Log, flight: Mapping[str, Any], ends: Mapping[str, Any]) -> Log
 
 
 def display_unit(path: str, unit: str) -> tuple[str, float]:
-    """Return the unit in which a signal is displayed, and the conversion factor.
+    """Return the unit in which a signal is displayed, and the factor of conversion to this unit.
 
     Degrees are used for the angles and rates in `flight.`, and for headings, such as `law.heading_error`.
     """
@@ -238,7 +247,7 @@ def display_unit(path: str, unit: str) -> tuple[str, float]:
 def work_out_flight(
     signals: SpatialSignals, t: Any, rows: Mapping[str, Any], parameters: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Compute the signals of DECLARED for which source signals exist, each (n,).
+    """Return the signals of DECLARED that can be computed from existing source signals, each (n,).
 
     Args:
         signals: paths of the source signals.
@@ -270,17 +279,17 @@ def work_out_flight(
 
 
 def place_parameters(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return path -> value of the parameters of a run that `work_out_flight` needs."""
+    """Return the parameters of a run that `work_out_flight` needs: path -> value."""
     return {p: v for p, v in parameters.items() if any(f".{part}." in p for part in ("earth", "origin", "wind"))}
 
 
 class _Local(NamedTuple):
-    """Position of a vehicle over the rotating earth, row by row.
+    """Position of a vehicle over the rotating earth, at n instants.
 
-    axes: R_NI (n, 3, 3), rotation to north, east, down at the vehicle.  tangent_axes: R_WI (n, 3, 3), rotation to
-    north, east, down at the origin.  position: position from the origin, in W (n, 3).  globe: latitude, longitude
-    (rad) and height above the ellipsoid (m) (n, 3).  turning: velocity of the rotating earth at the vehicle, in I
-    (n, 3).  wind: wind velocity in N (n, 3), or None.
+    axes: R_NI (n, 3, 3), rotation from I to the frame N (north, east, down at the vehicle).  tangent_axes: R_WI
+    (n, 3, 3), rotation from I to the frame W (north, east, down at the origin).  position: position relative to the
+    origin, in W (n, 3) (m).  globe: latitude, longitude (rad) and height above the ellipsoid (m) (n, 3).  turning:
+    velocity of the rotating earth at the vehicle, in I (n, 3).  wind: wind velocity in N (n, 3), or None.
     """
 
     axes: Any
@@ -292,7 +301,10 @@ class _Local(NamedTuple):
 
 
 def _locate(t: Any, p_I: Any, parameters: Mapping[str, Any]) -> _Local:
-    """Locate the positions p_I (n, 3) (m) at times t (n,) (s) over the earth of the parameters (default: WGS 84)."""
+    """Return the positions over the earth for positions p_I (n, 3) (m) in the inertial frame at times t (n,) (s).
+
+    parameters: path -> parameter of the run. The earth is that of the parameters, or WGS 84 if they contain none.
+    """
     from trimtab.environment import geodetic  # imports JAX, which few logs need
 
     found = (p.removesuffix("earth.rate") for p in parameters if p.endswith(".earth.rate"))

@@ -1,4 +1,7 @@
-"""Log that another process writes during a flight, from a ring buffer. The disk therefore never delays the flight."""
+"""Log that a separate process writes during a flight, so that the disk never delays the flight.
+
+The flying process passes the rows to the writing process in a ring buffer.
+"""
 
 import contextlib
 import json
@@ -29,7 +32,8 @@ COUNTER_SIGNALS: dict[str, Quantity] = {
 }
 """Signals that the writing process adds to each row: path -> declaration."""
 START_S, END_S, KILL_S = 30.0, 5.0, 1.0
-"""Time limits (s) for the writing process to start, to write each chunk when the log ends, and to end when killed."""
+"""Time limits (s) of the writing process: for its start, for each chunk at the end of the log, and for its end after it
+was killed."""
 
 
 class LogFileSummary(NamedTuple):
@@ -37,9 +41,9 @@ class LogFileSummary(NamedTuple):
 
     rows: number of rows in the file.  dropped: number of rows lost because the ring buffer was full.  unwritten: number
     of rows lost because the disk was full, or because their time was not later than that of the row before.
-    size: size of the file (bytes).  minute_size: bytes per minute of flight; None for fewer than two rows.
-    cpu_s: processor time of the writing process (s).  whole: True if the file was completed.
-    gone: True if the file was deleted or moved during the flight.
+    size: size of the file (bytes).  minute_size: bytes per minute of flight, or None for fewer than two rows.
+    cpu_s: processor time of the writing process (s).  whole: True if the file was completed.  gone: True if the file
+    was deleted or moved during the flight.
     """
 
     rows: int
@@ -53,10 +57,10 @@ class LogFileSummary(NamedTuple):
 
 
 class LogStream:
-    """Control of the process that writes a log, for the flying process. It never waits or fails before `close`."""
+    """Control of the process that writes a log. The methods never wait and never fail, except `close`."""
 
     def __init__(self, path: Path, process: "subprocess.Popen[bytes]") -> None:
-        """Store the path of the log and the process that `start_writer` has started."""
+        """Control a process that `start_writer` has started. path: path of the log."""
         self.path, self._process = path, process
 
     @property
@@ -77,10 +81,12 @@ class LogStream:
             self._process.stdin.flush()
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
-        """End the log, and wait until it is on the disk. Return None if the writing process has ended or hangs.
+        """End the log, wait until it is on the disk, and return a summary.
+
+        Return None if the writing process has ended or does not respond.
 
         Args:
-            final: path -> value at the end of the run, see `Log`.
+            final: path of a signal -> value at the end of the run, see `Log`.
         """
         values = {} if final is None else {p: np.asarray(v) for p, v in final.items()}
         text = dump_json({p: {"dtype": v.dtype.str, "value": v.tolist()} for p, v in values.items()})
@@ -116,16 +122,16 @@ def start_writer(
 ) -> LogStream:
     """Start a process that writes the content of a ring buffer to a log file, at least four times a second.
 
-    A row of the ring buffer is the time (100 ns, increasing, not negative) and the numbers of the signals in order.
+    A row of the ring buffer contains the time (100 ns, increasing, not negative), and then the numbers of the signals.
 
     Args:
         path: path of a new file.
         ring: ring buffer that this process has created.
         signals: signals in a row, after the time.
-        metadata: metadata of the log: scenario, parameters, seed, backend, calibration, ...; version, machine and time
+        metadata: metadata of the log, e.g. scenario, parameters, seed, backend, calibration. Version, machine and time
             of day are added.
-        frame: name of the vehicle's frame. Each row then ends with the pose, see `logs.frames`. Empty: no frame.
-        limit: limit of the log's size on the disk; None: no limit.
+        frame: name of the vehicle's frame. If it is not empty, each row must end with the pose, see `logs.frames`.
+        limit: limit of the log's size on the disk, or None for no limit.
 
     Raises:
         InputError: the signals do not match the width of the ring buffer, or the file exists or cannot be written.

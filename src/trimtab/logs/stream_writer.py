@@ -1,7 +1,7 @@
 """Process that writes a log during a flight, started by `logs.stream`.
 
-It reads its settings, a line of JSON, from standard input. A later line may set the time of day. A line with the final
-values, or the end of the input, ends the log. The input also ends if the flying process dies.
+The process reads its settings, a text line of JSON, from standard input. A later line may set the time of day. The log
+ends after a line with the final values, or when the standard input is closed, e.g. because the flying process has died.
 """
 
 import contextlib
@@ -44,7 +44,7 @@ from trimtab.logs.messages import (
 from trimtab.logs.ring import Ring
 
 POLL_S, CHUNK_S = 0.05, 0.2
-"""Period (s) of reading the ring buffer, and period (s) of writing to the disk."""
+"""Time between two readings of the ring buffer (s), and time between two writes to the disk (s)."""
 ROWS = 1000
 """Maximum number of rows in a chunk of the file."""
 NICE = 5
@@ -57,10 +57,10 @@ class Recorder:
         ring: ring buffer to read.
         file: descriptor of a new file.
         run, layout: metadata records of the run and of its signals, as text.
-        frame: name of the vehicle's frame. Each row then ends with the pose, and the recorder waits for the time of
-            day before it writes. Empty: no frame and no time of day.
+        frame: name of the vehicle's frame. If it is not empty, each row ends with the pose, and the recorder waits for
+            the time of day before it writes.
         path: path of the file.
-        limit: limit of the size of all files of the log; None: no limit.
+        limit: limit of the size of all files of the log, or None for no limit.
     """
 
     def __init__(
@@ -95,7 +95,10 @@ class Recorder:
         self._full = ""
 
     def set_epoch(self, epoch: int) -> None:
-        """Set the time of day at time zero (ns since 1970), before the first row. Not stored if the disk is full."""
+        """Set the time of day at time zero (ns since 1970). Call this before the first row.
+
+        The time is not stored if the disk is full.
+        """
         with contextlib.suppress(OSError):
             self._file.add_metadata({CLOCK: {EPOCH: str(epoch)}})
             self._epoch = epoch
@@ -118,7 +121,7 @@ class Recorder:
             self._dropped.append(dropped[good])
 
     def write(self, report_progress: Callable[[], None] = lambda: None) -> None:
-        """Write all stored rows and texts to the disk, once the time of day is known.
+        """Write all stored rows and texts to the disk. Do nothing while the time of day is needed but unknown.
 
         report_progress: function that is called after each chunk.
         """
@@ -157,7 +160,10 @@ class Recorder:
             self._full, self._lost = "", 0
 
     def _follow_limit(self, limit: LogLimit) -> None:
-        """End a full file, continue in a new file, and delete the oldest files. Do nothing if no file can be made."""
+        """End a full file, continue in a new file, and delete the oldest files of the log.
+
+        If no new file can be created, do nothing.
+        """
         if not limit.rolls or self._path is None or self._file.size >= limit.size:
             return
         before, following = self._file, self._open_next(numbered_file(self._path, self._number + 1))
@@ -205,7 +211,7 @@ class Recorder:
         return True
 
     def _count_failure(self, error: OSError, rows: int) -> None:
-        """Count rows that could not be written, and report the first failure. The flight continues."""
+        """Count rows that could not be written, and report the first failure to the user. The flight continues."""
         if not self._full:
             _report(f"can't be written ({error.strerror}); the flight goes on, rows are counted, free some space")
         self._full = error.strerror or str(error)
@@ -237,7 +243,7 @@ class Recorder:
         return [(first + m.topic, 0, m.time, m.text) for m in messages]
 
     def _rows_as_log(self, rows: Any, dropped: Any, unwritten: Any) -> Log:
-        """Return rows of the ring buffer as a log, with each signal in its own type."""
+        """Return rows of the ring buffer as a log, with each signal converted to the declared data type."""
         ticks, arrays, at = rows[:, 0].astype(np.int64), {}, 1
         for path, about in self._signals.items():
             if path in ("log.dropped", "log.unwritten"):
@@ -253,7 +259,7 @@ class Recorder:
     def finish(self, final: str | None, report_progress: Callable[[], None] = lambda: None) -> dict[str, Any]:
         """Write the remaining rows and the end of the file. Return the fields of `LogFileSummary`.
 
-        final: final values as JSON text; None if the flying process sent no final values.
+        final: final values as JSON text, or None if the flying process sent no final values.
         report_progress: function that is called after each chunk.
         """
         if final is None:
@@ -269,7 +275,8 @@ class Recorder:
         return counts | costs
 
     def _minute_size(self, size: int) -> float | None:
-        """Return the log's growth (bytes) per minute of flight, including deleted files; None before the second row."""
+        """Return the growth of the log (bytes) per minute of flight, including deleted files, or None before the second
+        row."""
         return None if self._last <= 0 else 60 * (size + self._removed - self._head) / to_seconds(self._last)
 
 
@@ -291,7 +298,7 @@ def main() -> None:
                 limit=None if orders["limit"] is None else LogLimit(*orders["limit"]),
             )
         except OSError as error:
-            fix = "give the path of a new file, in a folder that you can write to"
+            fix = "use the path of a new file, in a folder that you can write to"
             problem = f"cannot be written: {error.strerror or error}"
             raise InputError(f"log file '{orders['path']}'", problem, fix=fix) from None
     except InputError as error:
@@ -305,7 +312,10 @@ def main() -> None:
 
 
 def record_until_stopped(recorder: Recorder) -> str | None:
-    """Write the log until the final values arrive on standard input. Return them, or None if the input ends before."""
+    """Write the log until the final values arrive on standard input, and return these values.
+
+    Return None if the standard input is closed before.
+    """
     due, heard = time.monotonic() + CHUNK_S, b""
     while True:
         if select.select([sys.stdin.buffer], [], [], POLL_S)[0]:
@@ -324,7 +334,7 @@ def record_until_stopped(recorder: Recorder) -> str | None:
 
 
 def _isolate_process() -> None:
-    """Ignore signals that end the flying process, and run with low priority."""
+    """Ignore the signals (e.g. Ctrl-C) that end the flying process, and lower the priority of this process."""
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -335,7 +345,7 @@ def _isolate_process() -> None:
 
 
 def _answer(text: str) -> None:
-    """Send a line to the flying process, which may have ended. An empty line reports progress."""
+    """Send a text line to the flying process, which may have ended. An empty line reports progress."""
     with contextlib.suppress(OSError):
         os.write(sys.stdout.fileno(), text.encode() + b"\n")
 

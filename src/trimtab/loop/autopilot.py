@@ -1,6 +1,7 @@
 """Autopilot: estimator, law and allocation.
 
-The input is a Frame, the output a Command. The autopilot has no access to the true state of the world.
+Its input is a Frame (the newest sample of each sensor), its output a Command. The autopilot has no access to the true
+state of the world.
 """
 
 from typing import Any
@@ -35,14 +36,14 @@ class AutopilotState:
     output: Any = part("Last output of the law.")
     command: Any = part("Last command.")
     seen: Any = part("Measurement time of each sample of the last frame, by sensor name.")
-    supervisor: Any = part("State of the supervisor; empty without a supervisor.", default=())
-    supervised: Any = part("Last output of the supervisor; empty without a supervisor.", default=())
+    supervisor: Any = part("State of the supervisor, or empty without a supervisor.", default=())
+    supervised: Any = part("Last output of the supervisor, or empty without a supervisor.", default=())
     first: Any = part(
         "Initial state of the law. The law restarts from this state at each flight that a supervisor starts.",
         default=(),
     )
-    predictor: Any = part("State of the predictor, with its last prediction; empty without a predictor.", default=())
-    monitor: Any = part("State of the monitor; empty without a monitor.", default=())
+    predictor: Any = part("State of the predictor, with its last prediction, or empty without a predictor.", default=())
+    monitor: Any = part("State of the monitor, or empty without a monitor.", default=())
 
     def last_prediction(self) -> Any:
         """Return the last prediction, or () without a predictor."""
@@ -55,29 +56,29 @@ class AutopilotState:
 
 @record
 class Autopilot:
-    """Estimator, law and allocation at one control period.
+    """Autopilot: estimator, law and allocation, which run once per control period.
 
     >>> from trimtab import build
     >>> build("hovercraft/spin").autopilot.law.threshold
     'published'
 
     Until the estimate is valid, the law does not step and the command is marked invalid, so that the actuators stay
-    neutral. The same holds while an input of the law or the command is not finite: an estimate that contains NaN counts
-    as invalid. The estimate given to a law contains the control period (s) as `dt`. For a law that uses a pilot's
-    stick, it also contains the newest stick sample of the frame. With a predictor, the law reads the state predicted
-    for the time at which its command will act. The logged `estimate` is always that of the estimator.
+    neutral. The same happens while an input of the law or the command is not finite, because an estimate that contains
+    NaN counts as invalid. The estimate that the law reads also contains the control period (s) as `dt` and, for a law
+    that uses a pilot's stick, the newest stick sample. With a predictor, the law reads the state predicted for the time
+    at which the law's command will act. The logged `estimate` is always the output of the estimator.
 
     Source: docs page, Time.
     """
 
-    estimator: Any = part("Estimator: frame in, estimate out.")
-    law: Any = part("Control law: estimate in, demand out.")
-    allocation: Any = part("Control allocation: demand in, actuator commands out.")
+    estimator: Any = part("Estimator, which computes an estimate from the received samples.")
+    law: Any = part("Control law, which computes a demand from the estimate.")
+    allocation: Any = part("Control allocation, which computes actuator commands from the demand.")
     period: int = period("Control period.", default=ms(1))
     supervisor: Supervisor | None = part(
         "Supervisor of the flight. None: the law's command is always sent.", default=None
     )
-    schedules: Any = part("Schedules of those parameters of the law that change during the flight.", default=())
+    schedules: Any = part("Schedules of the law's parameters that change during the flight.", default=())
     predictor: Predictor | None = part(
         "Predictor of the state at the time when the command will act. None: the law reads the estimate.", default=None
     )
@@ -86,7 +87,11 @@ class Autopilot:
     )
 
     def init(self, key: Key, frame: Frame) -> AutopilotState:
-        """Return the initial state. frame: example of a frame. Raise InputError if parts don't fit each other."""
+        """Return the initial state. frame: example of a frame.
+
+        Raise InputError if the autopilot's parts don't fit each other, e.g. if the law reads a field that the estimate
+        lacks.
+        """
         self._check_listens(frame)
         self._check_stick(frame)
         states = [
@@ -126,7 +131,10 @@ class Autopilot:
         return state
 
     def step(self, t: Any, state: AutopilotState, frame: Frame) -> tuple[AutopilotState, Command]:
-        """Return the state and the command at integer time t. A sample that arrived since the last step is fresh."""
+        """Return the autopilot's state and command at integer time t.
+
+        Samples that arrived since the last step are marked as fresh.
+        """
         received = frame
         seen = {name: measurement_time(frame.samples[name]) for name in state.seen}
         renewed = {n: replace(frame.samples[n], fresh=is_new(frame.samples[n], state.seen[n])) for n in seen}
@@ -218,15 +226,15 @@ class Autopilot:
 
     def _check_reads(self, estimate: Estimate) -> None:
         if isinstance(self.law.reads, str):
-            problem = f"{place_of(type(self.law))}reads must be a tuple of names, got a text"
+            problem = f"{place_of(type(self.law))}`reads` must be a tuple of field names, got a string"
             raise InputError("autopilot.law", problem, fix=f'reads = ("{self.law.reads}",)')
         provided = tuple(n for n, _, _ in children(estimate.state)) if is_record(estimate.state) else ()
         for name in self.law.reads:
             if name not in provided:
                 near = closest(name, provided, 1)
-                fix = f"read {near[0]!r} instead" if near else "use an estimator or a sensor that gives this value"
+                fix = f"read {near[0]!r} instead" if near else "use an estimator or a sensor that provides this value"
                 law, estimator = type(self.law).__name__, type(self.estimator).__name__
-                problem = f"{law} reads {name!r}, which {estimator} does not give"
+                problem = f"{law} reads {name!r}, which the estimate of {estimator} does not contain"
                 raise InputError("autopilot.law", problem, choices=provided, fix=fix)
 
     def _check_listens(self, frame: Frame) -> None:
@@ -234,7 +242,7 @@ class Autopilot:
             if name not in frame.samples:
                 sent = ", ".join(frame.samples) or "nothing"
                 problem = f"the autopilot reads sensor {name!r}, but the world sends only ({sent})"
-                fix = f'add sensors={{"{name}": …}} to the world, or name a sensor that it sends'
+                fix = f'add sensors={{"{name}": …}} to the world, or use an estimator that reads a sensor of the world'
                 raise InputError("autopilot.estimator", problem, choices=frame.samples, fix=fix)
 
     def _check_stick(self, frame: Frame) -> None:
@@ -242,7 +250,7 @@ class Autopilot:
         if name and name not in frame.samples:
             sent = ", ".join(frame.samples) or "nothing"
             problem = f"{type(self.law).__name__} reads the pilot's stick {name!r}, but the world sends only ({sent})"
-            fix = f'add sensors={{"{name}": StickScript(…)}} to the world, or name the sensor of a stick'
+            fix = f'add sensors={{"{name}": StickScript(…)}} to the world, or set `stick` of the law to a sensor name'
             raise InputError("autopilot.law.stick", problem, choices=frame.samples, fix=fix)
 
 

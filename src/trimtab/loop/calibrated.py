@@ -1,6 +1,6 @@
-"""Application of a calibration to a scenario. Each calibrated number is set in every copy of its record.
+"""Application of a calibration to a scenario: the calibrated values are set in the world and in the autopilot's models.
 
-The copies are in the world and in the autopilot's models. Tables computed from a formula are computed again.
+Actuator tables that are computed from a formula are computed again with the calibrated values.
 """
 
 import math
@@ -27,15 +27,17 @@ STEPS = {
     "gyro.step": ("gyro", "gyro_walk"),
     "accelerometer.step": ("forward", "starboard", "force_walk"),
 }
-"""Calibration entry with a filter step (s) -> the fields of InertialNoise that were calibrated for this step only."""
+"""Calibration entry that contains a filter step (s) -> fields of InertialNoise whose calibrated values are valid for
+this filter step only."""
 NOTES = ("gyro.delay", *STEPS, *TABULATED)
-"""Names of calibration entries that set no field of a record."""
+"""Names of calibration entries that do not correspond to a parameter of the scenario."""
 
 
 class CalibratedScenario(NamedTuple):
-    """Scenario with the calibrated numbers. used: calibration entry -> paths that were set.
+    """Scenario with the calibrated values.
 
-    unused: entries that correspond to no setting of the scenario.
+    used: name of a calibration entry -> paths of the settings that the entry has set.  unused: names of the calibration
+    entries that correspond to no setting of the scenario.
     """
 
     scenario: Scenario
@@ -46,7 +48,8 @@ class CalibratedScenario(NamedTuple):
 def with_calibration(scenario: Scenario, calibration: Calibration) -> CalibratedScenario:
     """Return the scenario with the calibrated values of all its settings that have a calibration entry.
 
-    Raises: InputError if no entry corresponds to a setting, or if a unit or shape differs from the setting's.
+    Raises: InputError if no calibration entry corresponds to a setting of the scenario, or if the unit or shape of an
+        entry differs from that of its setting.
     """
     used: dict[str, list[str]] = {}
     for name, entry in calibration.entries.items():
@@ -75,7 +78,10 @@ def with_calibration(scenario: Scenario, calibration: Calibration) -> Calibrated
 
 
 def setting_paths(scenario: Scenario, name: str) -> list[str]:
-    """Return the paths of the settings for a calibration entry, e.g. ``Thruster.coefficient`` of each Thruster."""
+    """Return the paths of the settings that a calibration entry sets.
+
+    The entry ``Thruster.coefficient``, for example, sets the coefficient of each Thruster in the scenario.
+    """
     kind, _, field = name.rpartition(".")
     if "." in kind or kind in ("world", "autopilot"):
         return [path for path, _, declared in leaves(scenario) if path == name and isinstance(declared, Quantity)]
@@ -84,7 +90,7 @@ def setting_paths(scenario: Scenario, name: str) -> list[str]:
 
 
 def _with_absent_parts(scenario: Scenario, name: str) -> Scenario:
-    """Return the scenario, with each part added that a calibration entry needs, e.g. the hovercraft's friction."""
+    """Return the scenario with each optional part added that an entry calibrates, e.g. the hovercraft's friction."""
     kind = name.rpartition(".")[0]
     for where, declared in absent_parts(scenario):
         if type(declared.optional).__name__ == kind and where.startswith(("world.", "autopilot.")):
@@ -119,7 +125,7 @@ def _refuse_other_step(scenario: Scenario, calibration: Calibration) -> None:
 
 
 def _with_stops(scenario: Scenario) -> Scenario:
-    """Return the scenario with the rudder stops limited to the range of the measured angles."""
+    """Return the scenario with the rudder stops limited to the range of the rudder angles in the calibrated table."""
     for path, r in records(scenario):
         if isinstance(r, RudderServo):
             low, high = float(np.min(r.angles)), float(np.max(r.angles))
@@ -130,7 +136,7 @@ def _with_stops(scenario: Scenario) -> Scenario:
 
 
 def _with_tables(scenario: Scenario, calibration: Calibration) -> Scenario:
-    """Return the scenario with new fan tables, from the formula or from the thrust measured at each rudder angle."""
+    """Return the scenario with new fan tables, computed from the thrust formula or from the measured thrust."""
     measured = [calibration.entries[n].value for n in TABULATED] if TABULATED[0] in calibration.entries else None
     for path, r in records(scenario):
         table, thruster = getattr(r, "table", None), getattr(r, "thruster", None)
@@ -146,9 +152,10 @@ def _with_tables(scenario: Scenario, calibration: Calibration) -> Scenario:
 
 
 def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) -> dict[str, Any]:
-    """Return the changed fields of a fan's table, which maps speed to force or force to speed.
+    """Return the changed fields of a fan's table, which maps fan speed to thrust or thrust to fan speed.
 
-    eta: measured thrust by angle relative to the thruster's coefficient, or None.
+    eta: thrust measured at each rudder angle, as a fraction of the thruster's coefficient. None: the thrust formula is
+    used.
     """
     rows, origin = table.rows(), "formula" if eta is None else "measured"
     straight = np.full_like(rows, float(thruster.offset))
@@ -170,16 +177,18 @@ def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) ->
 
 
 def tabulate_thrust(angles: Any, by_angle: Any, rows: Any) -> Any:
-    """Return the thrust coefficient c eta, measured by rudder angle, interpolated at the angles `rows` (m,).
+    """Return the thrust coefficient c eta at the rudder angles `rows` (m,), interpolated from measured coefficients.
 
-    Raise InputError for an angle outside the measured range.
+    by_angle: thrust coefficient measured at each of the rudder angles `angles`. Raise InputError for a rudder angle
+    outside the measured range.
     """
     low, high = float(np.min(angles)), float(np.max(angles))
     outside = (np.asarray(rows) < low - 1e-6) | (np.asarray(rows) > high + 1e-6)
     if outside.any():
         first = float(np.asarray(rows)[np.argmax(outside)]) / DEG
         problem = (
-            f"the table needs {first:.1f}°, outside the measured rudder angles of {low / DEG:.1f}° to {high / DEG:.1f}°"
+            f"the table needs the thrust at a rudder angle of {first:.1f}°, but thrust was measured from "
+            f"{low / DEG:.1f}° to {high / DEG:.1f}°"
         )
         raise InputError(
             "thrust table", problem, fix="measure up to both stops of the rudder; the fit does not extrapolate"

@@ -1,8 +1,8 @@
-"""Distributions of parameters for a campaign, from the uncertainty of a calibration, including tables.
+"""Distributions of parameters and tables for a campaign, computed from the uncertainty of a calibration.
 
-Correlated numbers are drawn along directions: the drawn values are the calibrated numbers plus standard normal draws
-times the columns of a square root of their covariance. The four coefficients of reverse thrust and a link's latency
-table are drawn in this way. The latency table is linearised in its mean and standard deviation.
+Correlated parameters are drawn together: the drawn values are the calibrated values plus, for each column of a square
+root of their covariance, the column times a standard normal draw. The four coefficients of reverse thrust and a link's
+latency table are drawn in this way. The latency table is linearised in its mean and standard deviation.
 """
 
 import math
@@ -21,19 +21,19 @@ from trimtab.loop.calibration import Calibration, flat_entries, index_name, join
 from trimtab.loop.scenario import Scenario
 
 CORRELATED = 0.02
-"""Smallest magnitude of a correlation that is passed on to a campaign."""
+"""Smallest magnitude of a correlation coefficient that a campaign uses. Smaller correlations are neglected."""
 REVERSE = "Thruster.reverse_ratio"
 LINKS = ("uplink", "downlink")
 HALVINGS = 12
-"""Number of bisections. They find, to 1/4000, the largest fraction of a drawn change for which the reverse thrust still
-rises with speed."""
+"""Number of bisection steps in the search for the largest fraction of a drawn change of the reverse thrust's
+coefficients for which the thrust still rises with speed. They find this fraction with an accuracy of 1/4000."""
 
 
 class CalibratedSpread(NamedTuple):
-    """Distributions for a campaign. drawn: name of a parameter -> text of its distribution.
+    """Distributions for a campaign. drawn: path of a parameter -> its distribution, as text.
 
-    correlate: pairs of parameters, and their correlation.  notes: reasons for which a calibrated number is not drawn,
-    or is drawn in another way.
+    correlate: for each correlated pair of parameters, both paths and the correlation coefficient.  notes: for each
+    calibrated parameter that is not drawn, or is drawn by another parameter, the reason.
     """
 
     drawn: dict[str, str]
@@ -42,11 +42,12 @@ class CalibratedSpread(NamedTuple):
 
 
 def calibrated_spread(scenario: Scenario, calibration: Calibration) -> CalibratedSpread:
-    """Return the distributions of a calibration's errors, for the settings of a scenario that uses this calibration.
+    """Return the distributions of a scenario's settings that follow from the standard errors of a calibration.
 
-    Instead of a fan's coefficient, the fan's effectiveness is drawn, so that the fan's tables do not change.
+    scenario: scenario to which the calibration was applied. Instead of a fan's thrust coefficient, the fan's
+    effectiveness is drawn, so that the fan's tables do not change.
 
-    Raises: InputError if the calibration gives no uncertainty for this scenario.
+    Raises: InputError if the calibration contains no standard error for any setting of this scenario's world.
     """
     known = {path: (np.asarray(v, np.float64), d) for path, v, d in leaves(scenario) if isinstance(d, Quantity)}
     drawn, owner, notes = dict[str, str](), dict[str, str](), list[str]()
@@ -72,7 +73,7 @@ def calibrated_spread(scenario: Scenario, calibration: Calibration) -> Calibrate
         drawn |= {f"{path}:{k}": text for path, texts in directions.items() for k, text in enumerate(texts, 1)}
         notes += [note] if note else []
     if not drawn:
-        problem = "the calibration gives no uncertainty for any number in the world of this scenario"
+        problem = "the calibration contains no standard error for any setting in the world of this scenario"
         raise InputError(
             argument_name("spread"), problem, fix=argument("spread", "normal(100%, 5%)", "world.vehicle.mass")
         )
@@ -80,11 +81,11 @@ def calibrated_spread(scenario: Scenario, calibration: Calibration) -> Calibrate
 
 
 def follow_tables(scenario: Scenario, arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the drawn settings (n, …) and the settings that depend on them, e.g. a fan's table of reverse thrust.
+    """Return the drawn settings (n, …) of n runs, and all settings that depend on the drawn ones, e.g. a fan's table.
 
-    A drawn cubic whose reverse thrust does not rise with speed has no inverse and describes no real fan. It is moved
-    back towards the scenario's own cubic until it rises. Rudder stops beyond the ends of the rudder's table are moved
-    to these ends.
+    A drawn cubic polynomial whose reverse thrust does not rise with fan speed has no inverse and describes no real fan.
+    Therefore its coefficients are moved towards the scenario's coefficients until the thrust rises. Rudder stops
+    outside the angle range of the rudder's table are moved to the limits of this range.
     """
     arrays = dict(arrays)
     for path, r in records(scenario):
@@ -99,7 +100,10 @@ def follow_tables(scenario: Scenario, arrays: Mapping[str, Any]) -> dict[str, An
 
 
 def _follow_reverse(path: str, drive: FanDrive, drawn: Any) -> dict[str, Any]:
-    """Return reverse ratios (n, 4) whose thrust rises with speed, and the drive's tables computed from them."""
+    """Return the reverse thrust coefficients (n, 4) of n runs, and the drive's tables computed from these coefficients.
+
+    The coefficients are changed where necessary so that the reverse thrust rises with fan speed.
+    """
     thruster, table = drive.thruster, drive.table
     low, high = float(thruster.reverse_low_rpm), float(thruster.speed_max_rpm)
     own = np.asarray(thruster.reverse_ratio, np.float64)
@@ -119,14 +123,17 @@ def _effectiveness(paths: list[str], known: Mapping[str, Any]) -> list[str]:
 
 
 def _explain(name: str) -> list[str]:
-    """Return the reason for which an entry with an error is not drawn, or [] if another entry represents the error."""
+    """Return the reason why a calibration entry with a standard error is not drawn.
+
+    Return [] for the mean and the deviation of a link's latency, which are drawn as the link's latency table.
+    """
     if name in tuple(f"{link}.{what}" for link in LINKS for what in ("mean", "deviation")):
         return []
     if name == "Thruster.offset":
-        return [f"{name} is not drawn: the thrust has no slope there. RudderGeometry.offset, the same number, is drawn"]
+        return [f"{name} is not drawn, because RudderGeometry.offset has the same value and is drawn"]
     if name == "thrust.by_angle":
-        return [f"{name} is not drawn by angle: the fan's effectiveness is drawn for all angles together"]
-    return [f"{name} is not drawn: the world of this scenario has no such number"]
+        return [f"{name} is not drawn for each rudder angle: the fan's effectiveness is drawn once for all angles"]
+    return [f"{name} is not drawn: the world of this scenario has no such setting"]
 
 
 def _correlations(calibration: Calibration, owner: Mapping[str, str]) -> list[tuple[str, str, float]]:
@@ -139,24 +146,27 @@ def _correlations(calibration: Calibration, owner: Mapping[str, str]) -> list[tu
 
 
 def _reverse(scenario: Scenario, calibration: Calibration) -> tuple[dict[str, list[str]], str]:
-    """Return the directions along which the coefficients of reverse thrust are drawn, by path, and a note or ""."""
+    """Return the distributions of the coefficients of reverse thrust, by path, and a note for the user or ""."""
     entry = calibration.entries.get(REVERSE)
     if entry is None or entry.standard_error is None:
         return {}, ""
     drives = [path for path, r in records(scenario) if isinstance(r, FanDrive) and path.startswith("world.")]
     if not drives:
-        return {}, f"{REVERSE} is not drawn: the world of this scenario has no such number"
+        return {}, f"{REVERSE} is not drawn: the world of this scenario has no such setting"
     names = [index_name(REVERSE, (i,)) for i in range(len(entry.value))]
     P = joint_covariance(calibration, names)
     texts = _along(_square_root(P))
-    note = f"{REVERSE} is drawn in {len(texts)} directions of its covariance; a cubic that does not rise is moved back"
+    note = (
+        f"{REVERSE} is drawn along {len(texts)} eigenvectors of its covariance; coefficients whose thrust does not "
+        "rise with speed are moved towards the calibrated ones"
+    )
     return {f"{path}.thruster.reverse_ratio": texts for path in drives}, note
 
 
 def _latency(known: Mapping[str, Any], calibration: Calibration, link: str) -> tuple[dict[str, list[str]], str]:
-    """Return the directions along which a link's latency table is drawn, by path, and a note or "".
+    """Return the distributions of a link's latency table, by path, and a note for the user or "".
 
-    They follow from the errors of the table's mean and deviation.
+    The distributions follow from the standard errors of the table's mean and standard deviation.
     """
     names, path, entries = (f"{link}.mean", f"{link}.deviation"), f"world.{link}.latency", calibration.entries
     if names[0] not in entries or path not in entries:
@@ -168,7 +178,7 @@ def _latency(known: Mapping[str, Any], calibration: Calibration, link: str) -> t
         return {}, f"{path} is not drawn: the file lacks {link}.shift. Calibrate the link again"
     mean, sd, shift = (float(entries[n].value) for n in (*names, f"{link}.shift"))
     if not np.allclose(known[path][0], gamma_table(mean, sd, shift), rtol=1e-6):
-        return {}, f"{path} is not drawn: it differs from the table for {names[0]} and {names[1]}"
+        return {}, f"{path} is not drawn: it differs from the table for {names[0]} and {names[1]} of the calibration"
     h = 1e-4 * sd
     toward_mean = (gamma_table(mean + h, sd, shift) - gamma_table(mean - h, sd, shift)) / (2 * h)
     toward_sd = (gamma_table(mean, sd + h, shift) - gamma_table(mean, sd - h, shift)) / (2 * h)
@@ -177,24 +187,27 @@ def _latency(known: Mapping[str, Any], calibration: Calibration, link: str) -> t
 
 
 def _square_root(P: Any) -> Any:
-    """Return a square root L of a covariance P, with L L' = P. The longest column is the first."""
+    """Return a square root L of a covariance P, with L L' = P. The columns are sorted by length, longest first."""
     values, vectors = np.linalg.eigh(np.asarray(P))
     order = np.argsort(values)[::-1]
     return vectors[:, order] * np.sqrt(np.maximum(values[order], 0.0))
 
 
 def _along(directions: Any) -> list[str]:
-    """Return the text of a distribution, along(…), for each non-zero column of a matrix (m, k)."""
+    """Return, for each non-zero column of a matrix (m, k), the distribution along this column as text, "along(…)"."""
     return [f"along({', '.join(repr(float(v)) for v in d)})" for d in np.asarray(directions).T if np.any(d)]
 
 
 def _cubic(y: Any, n: Any) -> Any:
-    """Return the values (runs, k) of cubic polynomials (runs, 4) at the speeds n (k,)."""
+    """Return the values (runs, k) of cubic polynomials with coefficients y (runs, 4) at the speeds n (k,)."""
     return np.asarray(y) @ np.stack([n**3, n**2, n, np.ones_like(n)])
 
 
 def _rising_share(own: Any, change: Any, low: float, high: float) -> Any:
-    """Return the largest fraction of each change (runs, 4) of a cubic for which the thrust is positive and rises."""
+    """Return the largest fraction of each run's change (runs, 4) for which the thrust is positive and rises with speed.
+
+    own: unchanged coefficients of the cubic polynomial.  change: change of these coefficients in each run.
+    """
     n = np.linspace(low, high, 200) * 1e-3
 
     def rises(share: Any) -> Any:
@@ -214,7 +227,10 @@ def _rising_share(own: Any, change: Any, low: float, high: float) -> Any:
 
 
 def _normal_text(value: float, error: float, declared: Any) -> str:
-    """Return the text of a normal distribution, truncated at limits of the setting within 6 standard errors."""
+    """Return the text of a normal distribution.
+
+    The distribution is truncated if a limit of the setting is less than 6 standard errors from the mean.
+    """
     low = declared.low if declared.low is not None else declared.above
     low = -math.inf if low is None else float(low)
     high = math.inf if declared.high is None else float(declared.high)

@@ -13,9 +13,10 @@
     of = ["Hovercraft.inertia", "Hovercraft.arm"]
     matrix = [[…], […]]
 
-A number is named by its record class and field. So it applies to every copy of this record, in the world and in the
-autopilot's models. If two parts of one class have different numbers, an entry is named by the path of the setting:
-``world.uplink.latency``. The content's SHA-256 identifies the calibration in logs.
+The name of a parameter consists of its record class and field, so an entry sets this parameter in every record of the
+class, in the world and in the autopilot's models. If two records of one class have different values, the entry is named
+by the path of the setting instead, e.g. ``world.uplink.latency``. Logs identify a calibration by the SHA-256 of its
+content.
 """
 
 import hashlib
@@ -42,11 +43,11 @@ def student_reach(freedom: float) -> float:
 
 
 class Entry(NamedTuple):
-    """Measured number, or array of measured numbers.
+    """Measured parameter: a number, or an array of numbers.
 
-    value: number or nested lists.  standard_error: standard error of each number, in the same shape as the value; None
-    if unknown.  freedom: degrees of freedom of the standard errors.  source: the data file, and its lines that were
-    left out.  procedure: name of the procedure that measured the number.
+    value: measured number, or nested lists of numbers.  standard_error: standard error of each number, in the shape of
+    `value`, or None if unknown.  freedom: degrees of freedom of the standard errors.  source: name of the data file,
+    and the lines of this file that were left out.  procedure: name of the calibration procedure.
     """
 
     value: Any
@@ -57,9 +58,9 @@ class Entry(NamedTuple):
     procedure: str = ""
 
     def interval(self) -> tuple[Any, Any]:
-        """Return lower and upper end of the 95 % confidence interval, in the value's shape.
+        """Return the lower and the upper limit of the 95 % confidence interval, in the shape of `value`.
 
-        If the standard error is unknown, both ends equal the value.
+        If the standard error is unknown, both limits equal the value.
         """
         value = np.asarray(self.value, np.float64)
         error = np.zeros_like(value) if self.standard_error is None else np.asarray(self.standard_error)
@@ -68,9 +69,10 @@ class Entry(NamedTuple):
 
 
 class Covariance(NamedTuple):
-    """Covariance of the numbers measured by one procedure.
+    """Covariance matrix of the parameters measured by one calibration procedure.
 
-    of: names of the numbers, e.g. ``Thruster.reverse_ratio[2]`` for a number of an array.
+    of: names of the parameters in the order of the matrix rows, e.g. ``Thruster.reverse_ratio[2]`` for an element of an
+    array.
     """
 
     of: tuple[str, ...]
@@ -85,9 +87,9 @@ class Calibration(NamedTuple):
     covariances: tuple[Covariance, ...] = ()
 
     def content_hash(self) -> str:
-        """Return the SHA-256 of names, values, units, errors and covariances.
+        """Return the SHA-256 of the entries' names, values, units and standard errors, and of the covariances.
 
-        Sources and comments do not change the hash.
+        The names of data files and the comments of a calibration file do not change the hash.
         """
         plain = {
             "entries": {
@@ -98,9 +100,9 @@ class Calibration(NamedTuple):
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
     def merge(self, new: "Calibration") -> "Calibration":
-        """Return the calibration with the entries of a new calibration added.
+        """Return this calibration with the entries and covariances of a new calibration added.
 
-        Earlier entries and covariances of the same procedures are removed.
+        Entries and covariances of this calibration that come from the same procedures as the new ones are removed.
         """
         names = {e.procedure for e in new.entries.values()}
         old = {n: e for n, e in self.entries.items() if e.procedure not in names and n not in new.entries}
@@ -111,13 +113,13 @@ class Calibration(NamedTuple):
 def read_calibration(path: str | Path) -> Calibration:
     """Read a calibration file.
 
-    For an invalid file, raise InputError with the faulty entry and the text to write instead.
+    Raise InputError for an invalid file. The message names the faulty entry and says how to write it.
     """
     where = f"calibration '{path}'"
     try:
         text = read_user_text(path)
     except FileNotFoundError:
-        fix = f"make one: trimtab calibrate thrust thrust.csv --out {path}"
+        fix = f"make a calibration file: trimtab calibrate thrust thrust.csv --out {path}"
         raise InputError(where, "the file does not exist", fix=fix) from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(where, f"cannot be read: {error}", fix="use a file that trimtab calibrate wrote") from None
@@ -125,7 +127,7 @@ def read_calibration(path: str | Path) -> Calibration:
 
 
 def parse_calibration(where: str, text: str) -> Calibration:
-    """Parse a calibration from the text of a file. where: name of the file in error messages."""
+    """Parse the text of a calibration file. where: name of the file in error messages."""
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -158,8 +160,10 @@ def format_calibration(calibration: Calibration) -> str:
 
 
 def flat_entries(calibration: Calibration) -> dict[str, tuple[float, float, float]]:
-    """Return value, standard error and degrees of freedom of each number by name, e.g.
-    ``Thruster.reverse_ratio[2]``."""
+    """Return the value, standard error and degrees of freedom of each calibrated number, by name.
+
+    An element of an array has a name such as ``Thruster.reverse_ratio[2]``.
+    """
     flat: dict[str, tuple[float, float, float]] = {}
     for name, entry in calibration.entries.items():
         value = np.asarray(entry.value, np.float64)
@@ -170,8 +174,8 @@ def flat_entries(calibration: Calibration) -> dict[str, tuple[float, float, floa
 
 
 def index_name(name: str, index: Sequence[int]) -> str:
-    """Return the name of a number: ``Thruster.reverse_ratio[2]`` for an element of an array, else the name of the
-    entry."""
+    """Return the name of a calibrated number: the name of its entry, followed by the index for an element of an array,
+    e.g. ``Thruster.reverse_ratio[2]``."""
     return name + (f"[{','.join(map(str, index))}]" if index else "")
 
 
@@ -191,9 +195,9 @@ def joint_covariance(calibration: Calibration, names: Iterable[str]) -> Any:
 
 
 def compare_calibrations(a: Calibration, b: Calibration) -> dict[str, tuple[float | None, float | None, float | None]]:
-    """Return the numbers that differ: name -> value in a, value in b, and the difference in standard errors.
+    """Return the calibrated numbers that differ: name -> value in a, value in b, and difference in standard errors.
 
-    A value is None if its calibration lacks the number. The difference is None if no standard error is known.
+    A value is None if the number is missing in that calibration. The difference is None if no standard error is known.
     """
     one, two = flat_entries(a), flat_entries(b)
     changes: dict[str, tuple[float | None, float | None, float | None]] = {}
@@ -237,9 +241,7 @@ def _read_entry(where: str, table: Any) -> Entry:
     if not np.isfinite(value).all():
         raise InputError(where, "the value is not finite", fix=fix)
     if error is not None and (error.shape != value.shape or not (np.isfinite(error) & (error >= 0)).all()):
-        problem = (
-            f"the standard_error must contain a number of 0 or more for each of the {value.size} numbers of the value"
-        )
+        problem = f"standard_error must have the shape of value and contain {value.size} finite numbers, none negative"
         raise InputError(where, problem, fix="leave standard_error out if it is unknown")
     texts = {n: str(table[n]) for n in ("unit", "source", "procedure") if n in table}
     return Entry(value.tolist(), standard_error=None if error is None else error.tolist(), freedom=freedom, **texts)
@@ -249,18 +251,20 @@ def _read_covariance(where: str, entries: Mapping[str, Entry], table: Any) -> Co
     try:
         of, matrix = tuple(map(str, table["of"])), np.asarray(table["matrix"], np.float64)
     except (KeyError, TypeError, ValueError):
-        fix = "write  of = [names]  and  matrix = [[…]]"
-        raise InputError(where, "a covariance lacks `of` or `matrix`", fix=fix) from None
+        fix = "write  of = [names of parameters]  and  matrix = [[…]]"
+        raise InputError(where, "a [[covariance]] table lacks `of` or `matrix`", fix=fix) from None
     missing = [n for n in of if _base(n) not in entries]
     if missing:
         raise InputError(
             where,
-            f"a covariance names {missing[0]!r}, which has no entry",
+            f"a [[covariance]] table names {missing[0]!r}, but the file has no entry of this name",
             choices=entries,
-            fix="use names of entries in the file",
+            fix="use only names of entries in this file",
         )
     good = matrix.shape == (len(of),) * 2 and np.isfinite(matrix).all() and np.allclose(matrix, matrix.T)
     if not good or np.linalg.eigvalsh(matrix).min() < -1e-9 * max(np.trace(matrix), 1e-300):
-        problem = f"the covariance of {', '.join(of)} must be a symmetric, semidefinite matrix of {len(of)} rows"
+        problem = (
+            f"the covariance of {', '.join(of)} must be a symmetric, positive semidefinite matrix with {len(of)} rows"
+        )
         raise InputError(where, problem, fix="use the covariance that trimtab calibrate writes")
     return Covariance(of, matrix.tolist(), str(table.get("procedure", "")))

@@ -1,4 +1,4 @@
-"""Checks of values before a run: finite, in range, of the declared shape, a valid choice, a valid period."""
+"""Checks of a scenario's values before a run: finite, in range, declared shape, valid choice, valid period."""
 
 from typing import Any
 
@@ -10,11 +10,14 @@ from trimtab.core.quantity import Option, Quantity, leaves, records
 from trimtab.core.time import format_time
 
 SHORTEST_PERIOD = 100
-"""Minimum period, 10 µs in units of 100 ns. A smaller integer is nearly always given in seconds or ms by mistake."""
+"""Minimum period: 10 µs, in units of 100 ns. A smaller integer is almost always a time in seconds or ms by mistake."""
 
 
 def check_values(tree: Any, path: str = "") -> None:
-    """Check every declared field of `tree`, and call check() of every part. Raise InputError with the faulty path."""
+    """Check every declared field of a tree of records, and call check() of every record in the tree.
+
+    Raise InputError, with the path of the field, for an invalid value.
+    """
     for where, value, declared in leaves(tree, path):
         if isinstance(declared, Quantity):
             _check_quantity(where, value, declared)
@@ -26,7 +29,7 @@ def check_values(tree: Any, path: str = "") -> None:
 
 
 def check_part(where: str, own: Any) -> None:
-    """Call the check() of a part. An error names the part by its path `where`."""
+    """Call `own`, the check() method of a part. An error message names the part by its path `where`."""
     try:
         own()
     except InputError as error:
@@ -45,7 +48,7 @@ def _check_quantity(where: str, value: Any, declared: Quantity) -> None:
         ) from None
     if declared.shape and array.shape != declared.shape:
         problem = f"must have shape {declared.shape}, but has shape {array.shape}"
-        raise InputError(where, problem, fix=f"give {declared.shape} numbers{in_unit}")
+        raise InputError(where, problem, fix=f"give an array of shape {declared.shape}{in_unit}")
     if not np.isfinite(array).all():
         raise InputError(where, f"{value} is not finite", fix=argument("settings", "NUMBER", where) + in_unit)
     for bound, wrong, text in (
@@ -64,7 +67,7 @@ def _check_option(where: str, value: Any, declared: Option) -> None:
         low = max(declared.low or 0, SHORTEST_PERIOD if where.endswith("period") else 0)
         if not isinstance(value, int) or isinstance(value, bool):
             fix = f"write e.g. ms(20) in Python or {argument('settings', '20 ms', where)}"
-            raise InputError(where, f"a time must be an integer in units of 100 ns, got {value!r}", fix=fix)
+            raise InputError(where, f"the time must be an integer in units of 100 ns, got {value!r}", fix=fix)
         if value < low:
             problem = f"{format_time(value)} is too short: it must be at least {format_time(low)}"
             raise InputError(where, problem, fix=argument("settings", "20 ms", where))

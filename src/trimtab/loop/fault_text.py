@@ -1,9 +1,10 @@
-"""Parsing of faults written as text, ``sensor:imu off @ 3 s for 1 s``, and their injection into a scenario.
+"""Faults written as text, e.g. ``sensor:imu off @ 3 s for 1 s``: parsing, and injection into a scenario.
 
     WHERE WORD [by NUMBER] [bias NUMBER] [@ TIME] [for TIME] [when PATH above NUMBER | when PATH below NUMBER]
 
-WHERE is ``sensor:NAME``, ``uplink``, ``downlink``, ``actuators``, or ``actuators:FIELD`` for one field or
-number (``speed[1]``) of the vehicle's input. WORD is the kind of fault: docs page, Faults.
+WHERE is the faulty part: ``sensor:NAME``, ``uplink``, ``downlink``, ``actuators``, or ``actuators:FIELD`` for one field
+or array element (``speed[1]``) of the vehicle's input. WORD is the kind of fault (docs page, Faults). NUMBER after
+``by`` is the severity.
 """
 
 import re
@@ -29,13 +30,17 @@ from trimtab.loop.walk import start
 SEVERITY = {"garbage": 10.0, "wrong": 0.5, "slow": 5.0, "delayed": 0.2, "intermittent": 0.5}
 """Default severity of each kind of fault."""
 OF_ACTUATORS = {"garbage": 1.0, "wrong": -2.0}
-"""Default severities for actuators where these differ from SEVERITY: random input of unit size, reversed sign."""
+"""Default severities of actuator faults that differ from SEVERITY. `garbage`: a random input with standard deviation 1.
+`wrong`: an input of opposite sign."""
 CLAUSES = ("by NUMBER", "bias NUMBER", "@ TIME", "for TIME", "when PATH above NUMBER", "when PATH below NUMBER")
 EXAMPLE = "sensor:NAME off @ 3 s for 1 s"
 
 
 def inject_faults(scenario: Scenario, texts: Iterable[str]) -> Scenario:
-    """Return the scenario with the faults added. Raise InputError for an unknown part or kind, or an invalid number."""
+    """Return the scenario with the faults added.
+
+    Raise InputError for an unknown part, an unknown kind of fault or an invalid number.
+    """
     for text in texts:
         where, fault = parse_fault(scenario, text)
         scenario = _wrap_part(scenario, where, fault, float(fault.severity))
@@ -43,9 +48,9 @@ def inject_faults(scenario: Scenario, texts: Iterable[str]) -> Scenario:
 
 
 def check_fault_times(scenario: Scenario, texts: Iterable[str]) -> None:
-    """Raise InputError, with the flight's duration, for a fault that begins after the end of the flight.
+    """Raise InputError for a fault that begins after the end of the flight.
 
-    This is checked in virtual time only, because a real flight may last longer than the scenario's duration.
+    Call this for flights in virtual time only, because a real flight may last longer than the scenario's duration.
     """
     for text in texts:
         begin = int(parse_fault(scenario, text)[1].start)
@@ -61,9 +66,9 @@ def check_fault_times(scenario: Scenario, texts: Iterable[str]) -> None:
 
 
 def add_dormant_faults(scenario: Scenario, longest: float = 0.5) -> Scenario:
-    """Return the scenario with an inactive fault in every part.
+    """Return the scenario with an inactive fault in every part that can have one.
 
-    A fault acts when its parameters are changed during the run.
+    The user activates a fault by changing its parameters during the run.
 
     Args:
         scenario: scenario without faults.
@@ -75,18 +80,18 @@ def add_dormant_faults(scenario: Scenario, longest: float = 0.5) -> Scenario:
 
 
 def fault_locations(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the parts of this scenario that can have a fault: sensors, links, and actuators.
+    """Return the names of the parts of a scenario that can have a fault: sensors, links and actuators.
 
-    Actuators can have a fault only if the vehicle has an input.
+    The actuators are included only if the vehicle has an input.
     """
     acting = ("actuators",) if jax.tree.leaves(scenario.world.actuators.neutral()) else ()
     return (*(f"sensor:{name}" for name in scenario.world.sensors), "downlink", "uplink", *acting)
 
 
 def _input_fields(scenario: Scenario) -> list[str]:
-    """Return the paths of the fields of the vehicle's input, and of the elements of arrays in it.
+    """Return the paths of the fields of the vehicle's input, and of the elements of its array fields.
 
-    The list is empty if the input is not a record.
+    Return an empty list if the vehicle's input is not a record.
     """
     u = scenario.world.actuators.neutral().u
     fields = [(path, component_paths(path, np.shape(value))) for path, value, _ in leaves(u)] if is_record(u) else []
@@ -94,12 +99,12 @@ def _input_fields(scenario: Scenario) -> list[str]:
 
 
 def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
-    """Return the name of the faulty part, and the fault, that a text describes."""
+    """Return the name of the faulty part and the fault that a text describes, e.g. ``uplink off @ 3 s for 1 s``."""
     about = f"fault {text!r}"
     first, *others = re.split(r"\s*(?:\b(by|bias|for|when)\b|(@))\s*", " ".join(text.split()))
     head = first.split()
     if len(head) != 2:
-        problem = "must begin with a part and a kind of fault"
+        problem = "a fault must begin with the name of a part and a kind of fault"
         raise InputError(about, problem, choices=fault_locations(scenario), fix=f"write e.g. '{EXAMPLE}'")
     places = (*fault_locations(scenario), *(f"actuators:{name}" for name in _input_fields(scenario)))
     where = _check_choice(about, "part", head[0], places)
@@ -110,7 +115,7 @@ def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
     names = [others[i] or others[i + 1] for i in range(0, len(others), 3)]
     for name, said in zip(names, others[2::3], strict=True):
         if names.count(name) > 1:
-            raise InputError(about, f"has {name!r} twice", fix="write this clause once")
+            raise InputError(about, f"contains the clause {name!r} twice", fix="write this clause once")
         fields |= _parse_clause(about, name, said)
     fault = Fault(**fields)
     check_part(about, fault.check)
@@ -124,7 +129,7 @@ def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
 
 
 def watchable_paths(scenario: Scenario, where: str) -> list[str]:
-    """Return the paths of the signals that can trigger a fault in this part."""
+    """Return the paths of the signals that can trigger a fault in the part `where`."""
     paths: list[str] = []
     for path, value, _ in leaves(_visible_signals(scenario, where)):
         paths += [f"{path}.{i}" for i in range(np.size(value))] if np.shape(value) else [path]
@@ -132,7 +137,7 @@ def watchable_paths(scenario: Scenario, where: str) -> list[str]:
 
 
 def _parse_clause(about: str, name: str, text: str) -> dict[str, Any]:
-    """Return the fields of a fault that one clause of its text sets."""
+    """Return the fields of a fault that one clause of the fault's text sets, e.g. "by 0.5"."""
     if name == "when":
         condition = re.fullmatch(r"(\S+) (above|below) (\S+)", text)
         if not condition:
@@ -159,7 +164,7 @@ def _parse_start_time(about: str, text: str) -> int:
     except InputError as error:
         raise InputError(about, error.problem, choices=CLAUSES, fix="write a time as in '@ 3 s for 200 ms'") from None
     if not 0 <= value < FOREVER:
-        raise InputError(about, f"a time must be 0 or later, got {text!r}", fix="write a time from 0 s on")
+        raise InputError(about, f"the time must not be negative, got {text!r}", fix="write a time of at least 0 s")
     return value
 
 
@@ -171,9 +176,9 @@ def _check_choice(about: str, what: str, name: str, choices: tuple[str, ...]) ->
 
 
 def _wrap_part(scenario: Scenario, where: str, fault: Fault, longest: float) -> Scenario:
-    """Return the scenario with a part wrapped by a fault.
+    """Return the scenario with a fault added to the part `where`.
 
-    longest: longest delay (s) that the wrapper must be able to store.
+    longest: longest delay (s) for which the faulty part must be able to store samples.
     """
     world, (kind, _, name) = scenario.world, where.partition(":")
     inner = world.sensors[name] if name else getattr(world, kind)
@@ -187,7 +192,7 @@ def _wrap_part(scenario: Scenario, where: str, fault: Fault, longest: float) -> 
 
 
 def _visible_signals(scenario: Scenario, where: str) -> Any:
-    """Return the record of signals that can trigger a fault in this part, with every number zero."""
+    """Return the record of the signals that can trigger a fault in the part `where`. All values in the record are 0."""
     world, (kind, _, name) = scenario.world, where.partition(":")
     if name:
         feels = optional_member(world.sensors[name], "FEELS")

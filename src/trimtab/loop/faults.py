@@ -1,6 +1,6 @@
-"""Faults of a part, with kind, start, duration and severity, and the wrappers that apply a fault to a part.
+"""Faults of sensors, links and actuators: kind, start, duration and severity, and the records that apply a fault.
 
-All parts have the same kinds of faults. Effect of each kind on a sensor, a link and the actuators: docs page, Faults.
+The kinds of faults are the same for all of them. The docs page Faults describes the effect of each kind.
 """
 
 import zlib
@@ -26,44 +26,44 @@ NONE, OFF, STUCK, GARBAGE, WRONG, SLOW, DELAYED, INTERMITTENT = range(len(WORDS)
 NAN_BEYOND = 1.5
 """Magnitude of a standard normal draw above which a garbage value is NaN. This happens in 13 % of the draws."""
 LINK_STREAM = zlib.crc32(b"fault of a channel")
-"""Random stream of a link's faults. It is the same for all values of a message, so a fault affects all of them."""
+"""Number of the random stream of a link's faults. All values of a message use it, so a fault affects all of them."""
 
 
 @record
 class Fault:
     """Fault of one part. Its kind and parameters can be changed during a run.
 
-    The fault acts from `start` for `duration`. With a `watch`, it begins at the first instant after `start` at which
-    the watched number is above or below `level`, as `side` states. Before and after the fault, the part behaves as
-    without a fault, bit for bit.
+    The fault acts from `start` for `duration`. If `watch` names a signal, the fault begins at the first instant after
+    `start` at which the value of this signal is above (or below, see `side`) `level`. Before and after the fault, the
+    part behaves as without a fault, bit for bit.
 
-    Frames:  those of the part.
+    Frames:  those of the faulty part.
     Source:  docs page, Faults; the kinds are those of PX4's failure injection.
     """
 
     kind: Scalar = quantity("1", "Kind of fault.", kind="mode", modes=WORDS, default=NONE, low=0, high=len(WORDS) - 1)
     start: Scalar = quantity("100 ns", "Start of the fault.", kind="time", default=0)
     duration: Scalar = quantity("100 ns", "Duration of the fault.", kind="time", default=FOREVER, low=0)
-    severity: Scalar = quantity("1", "Severity of the fault; its meaning depends on the kind of fault.", default=1.0)
+    severity: Scalar = quantity("1", "Severity of the fault. Its meaning depends on the kind of fault.", default=1.0)
     bias: Scalar = quantity(
-        "1", "Bias of a fault of kind `wrong`, added to every real number, in the unit of that number.", default=0.0
+        "1", "Bias that a fault of kind `wrong` adds to every real number, in the number's unit.", default=0.0
     )
-    level: Scalar = quantity("1", "Threshold of the watched signal that triggers the fault, in its unit.", default=0.0)
-    watch: str = option("Path of the signal that triggers the fault; empty: the fault begins at `start`.", default="")
+    level: Scalar = quantity("1", "Value of the watched signal at which the fault begins, in its unit.", default=0.0)
+    watch: str = option("Path of the signal that triggers the fault. Empty: the fault begins at `start`.", default="")
     side: str = option(
         "Side of `level` on which the signal triggers the fault.", default="above", choices=("above", "below")
     )
     slot: int = period("Length of each on or off interval of a fault of kind `intermittent`.", default=ms(100))
-    field: str = option("Affected field or element of the actuators' output, e.g. speed[1]; empty: all.", default="")
+    field: str = option("Affected field or element of the actuators' output, e.g. speed[1]. Empty: all.", default="")
 
     def check(self) -> None:
         """Raise InputError for a severity that is invalid for the kind of fault."""
         kind, severity = int(self.kind), float(self.severity)
         rules = {
-            GARBAGE: (severity > 0, "a multiple of the plausible size, above 0"),
-            SLOW: (severity >= 1, "N, at least 1: only every Nth sample arrives"),
+            GARBAGE: (severity > 0, "the size of the random values relative to the true value, above 0"),
+            SLOW: (severity >= 1, "a number N of at least 1: only every Nth sample arrives"),
             DELAYED: (severity >= 0, "a delay in seconds, not negative"),
-            INTERMITTENT: (0 <= severity <= 1, "the share of time in which the part is off, 0 to 1"),
+            INTERMITTENT: (0 <= severity <= 1, "the fraction of time in which the part is off, 0 to 1"),
         }
         good, meaning = rules.get(kind, (True, ""))
         if not good:
@@ -71,7 +71,7 @@ class Fault:
             raise InputError("severity", problem, fix="choose another severity, e.g. by 0.5, by 2")
 
     def begin_time(self, t: Any, begin: Any, signals: Any) -> Any:
-        """Return the time at which the fault began (100 ns), or NEVER. begin: the result of the last call."""
+        """Return the time at which the fault began (100 ns), or NEVER. begin: result of the previous call."""
         if not self.watch:
             return jnp.where(t >= self.start, jnp.asarray(self.start, np.int64), NEVER)
         number = jnp.asarray(signal_value(signals, self.watch), np.float64)
@@ -80,34 +80,34 @@ class Fault:
         return jnp.where(t < self.start, NEVER, jnp.where(waiting & met, t, begin))
 
     def active_kind(self, t: Any, begin: Any) -> Any:
-        """Return the kind of fault, as its number in WORDS, that acts at integer time t."""
+        """Return the kind of fault that acts at integer time t, as an index in WORDS. begin: result of begin_time()."""
         acts = (begin != NEVER) & (t >= begin) & (t - begin < self.duration)
         return jnp.where(acts, self.kind, NONE)
 
     def is_off(self, key: Key, t: Any) -> Any:
-        """Return True if an intermittent fault switches the part off in the time slot of t."""
+        """Return True if an intermittent fault switches the part off in the on-off interval that contains time t."""
         u, _ = uniform2(key, t // self.slot, 7)
         return u < self.severity
 
     def is_skipped(self, number: Any) -> Any:
-        """Return True if a fault of kind `slow` drops the output with this number."""
+        """Return True if a fault of kind `slow` drops output number `number` of the part."""
         n = jnp.maximum(jnp.round(self.severity), 1.0).astype(np.int32)
         return number % n != 0
 
     def delay_steps(self, step: int, capacity: int) -> Any:
-        """Return the delay as a number of steps of `step` (100 ns), limited to the capacity of the ring buffer."""
+        """Return the delay as a number of time steps `step` (100 ns), limited to the ring buffer's capacity."""
         return jnp.clip(jnp.round(self.severity / to_seconds(step)), 0, capacity - 1).astype(np.int32)
 
     def check_ring(self, step: int, capacity: int) -> None:
-        """Raise InputError for a delay that exceeds the ring buffer's capacity, with one slot per step (100 ns)."""
+        """Raise InputError for a delay too long for a ring buffer with `capacity` slots, one per `step` (100 ns)."""
         longest = to_seconds(step) * (capacity - 1)
         if int(self.kind) == DELAYED and float(self.severity) > longest + 1e-9:
             needed = delay_slots(float(self.severity), step)
-            problem = f"the delay must be at most {longest:g} s with {capacity} slots, got {float(self.severity):g} s"
+            problem = f"the delay must be at most {longest:g} s for capacity {capacity}, got {float(self.severity):g} s"
             raise InputError("fault.severity", problem, fix=f"set capacity to {needed} or more")
 
     def distort_value(self, value: Any) -> Any:
-        """Return the value with every real number multiplied by 1 + severity, plus the bias."""
+        """Return a record or number in which every real number x is replaced by (1 + severity) x + bias."""
 
         def leaf(v: Any) -> Any:
             v = jnp.asarray(v)
@@ -116,8 +116,7 @@ class Fault:
         return jax.tree.map(leaf, value)
 
     def garbage_value(self, key: Key, index: Any, value: Any) -> Any:
-        """Return garbage with the structure of the value: NaN, or random numbers of size severity times max(1,
-        |value|)."""
+        """Return NaN or random numbers, with standard deviation severity max(1, |value|), instead of each value."""
 
         def garbage(v: Any, z: Any) -> Any:
             if v.dtype == np.bool_:
@@ -129,7 +128,7 @@ class Fault:
         return _replace_by_draws(garbage, key, index, value)
 
     def random_input(self, key: Key, index: Any, u: Any) -> Any:
-        """Return a finite random input of the vehicle, with a standard deviation of `severity`."""
+        """Return a random input of the vehicle, normally distributed with standard deviation `severity`."""
         return _replace_by_draws(lambda v, z: (self.severity * z).astype(v.dtype), key, index, u)
 
 
@@ -145,12 +144,12 @@ def _replace_by_draws(function: Callable[[Any, Any], Any], key: Key, index: Any,
 
 
 def delay_slots(delay: float, step: int) -> int:
-    """Return the number of slots that a ring buffer needs for a delay (s), with one slot per step (100 ns)."""
+    """Return the number of slots that a ring buffer needs for a delay (s). step: time from slot to slot (100 ns)."""
     return 1 + int(np.ceil(delay / to_seconds(step) - 1e-9))
 
 
 def signal_value(tree: Any, path: str) -> Any:
-    """Return the number at a dotted path of a tree of records and arrays, e.g. "p_WB.0"."""
+    """Return the number at a path in a tree of records and arrays, e.g. "p_WB.0" for the first element of p_WB."""
     for name in path.split("."):
         if name.isdigit():
             tree = jnp.asarray(tree)[int(name)]
@@ -160,7 +159,7 @@ def signal_value(tree: Any, path: str) -> Any:
 
 
 def replace_number(tree: Any, path: str, other: Any) -> Any:
-    """Return a tree of records in which the value at a path, e.g. "speed[1]", is taken from another tree."""
+    """Return a tree of records with the value at one path, e.g. "speed[1]", replaced by that of another tree."""
     name, index = split_component(path)
 
     def change(old: Any, _: Any) -> Any:
@@ -176,22 +175,22 @@ class FaultMemory:
 
     key: Any = part("Random key of the fault's random draws.")
     begin: Scalar = quantity("100 ns", "Time at which the fault began.", kind="time")
-    output: Any = part("Last output of the part, with the fault applied.")
+    output: Any = part("Last output of the part, after the effect of the fault.")
     lost: Scalar = quantity("100 ns", "Measurement time of the newest sample that the fault dropped.", kind="time")
-    number: Scalar = quantity("1", "Number of outputs of the part so far.", kind="count")
-    ring: Any = part("Outputs of the last steps, without the fault. The leading axis is the slot of the ring buffer.")
+    number: Scalar = quantity("1", "Number of outputs of the part since the start of the run.", kind="count")
+    ring: Any = part("Ring buffer of the part's last outputs, without the fault. The first array axis is the slot.")
 
 
 @record
 class FaultyState:
-    """State of a part, and the memory of its fault. Frames: those of the part. Source: docs page, Faults."""
+    """State of a faulty part, and memory of the part's fault. Frames: those of the part. Source: docs page, Faults."""
 
     inner: Any = part("State of the part that has the fault.")
     memory: FaultMemory = part("Memory of the fault.")
 
 
 def _initial_memory(key: Any, output: Any, ring: Any) -> FaultMemory:
-    """Return the initial memory of a fault. output: output before the first step. ring: initial ring buffer."""
+    """Return the initial memory of a fault. output: part's output before the first step. ring: initial ring buffer."""
     return FaultMemory(
         key=key, begin=np.int64(NEVER), output=output, lost=np.int64(NEVER), number=np.int32(0), ring=ring
     )
@@ -200,13 +199,13 @@ def _initial_memory(key: Any, output: Any, ring: Any) -> FaultMemory:
 def apply_to_sample(
     t: Any, s: FaultMemory, fault: Fault, sample: Sample, signals: Any, *, step: int, has_checksum: bool
 ) -> tuple[FaultMemory, Sample]:
-    """Return the fault's memory, and the sample with the fault applied, at one instant.
+    """Return the new memory of a fault, and a sample after the effect of the fault, at one instant.
 
     Args:
-        t: now, integer time.
+        t: present time (100 ns).
         s: memory of the fault.
         fault: the fault.
-        sample: the part's output.
+        sample: sensor's or link's output without the fault.
         signals: signals that can trigger the fault.
         step: time between two calls (100 ns).
         has_checksum: True for a link: a garbage sample is dropped, and `stuck` repeats the last sample.
@@ -246,14 +245,14 @@ def _faulty_value(kind: Any, fault: Fault, s: FaultMemory, sample: Sample, k: An
 
 
 def _select(condition: Any, a: Any, b: Any) -> Any:
-    """Return a if the condition holds, else b, in the data types of b."""
+    """Return the tree `a` if the condition is true, else `b`. The result has the data types of `b`."""
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y).astype(jnp.result_type(y)), a, b)
 
 
 def apply_to_output(
     t: Any, s: FaultMemory, fault: Fault, output: Any, neutral: Any, signals: Any, *, step: int
 ) -> tuple[FaultMemory, Any]:
-    """Return the fault's memory, and the actuators' output with the fault applied. neutral: their output at rest."""
+    """Return the fault's new memory, and the actuators' output with the fault. neutral: actuators' output at rest."""
     k, capacity = t // step, jax.tree.leaves(s.ring)[0].shape[0]
     output = cast_like(output, s.output)
     begin = fault.begin_time(t, s.begin, signals)
@@ -277,8 +276,8 @@ def apply_to_output(
 class FaultyPart:
     """Part with a fault. Base class of `FaultySensor`, `FaultyChannel` and `FaultyActuators`.
 
-    Before and after the fault, the output equals that of the part without a fault, bit for bit. The path of the wrapped
-    part ends with `.inner`.
+    Before and after the fault, the output equals the output of the part without a fault, bit for bit. In paths of
+    settings, the part without the fault has the name `inner`.
     """
 
     inner: Any
@@ -287,7 +286,7 @@ class FaultyPart:
 
     @property
     def period(self) -> int:
-        """Return the part's period."""
+        """Return the period of the faulty part."""
         return self.inner.period
 
     def check(self) -> None:
@@ -295,11 +294,11 @@ class FaultyPart:
         self.fault.check_ring(self.period, self.capacity)
 
     def initial_state(self, inner: Any, input: Any, key: Key) -> FaultyState:
-        """Return the initial state of a wrapped sensor or channel. inner: state of the part. input: example input."""
+        """Return the initial state of a faulty sensor or channel. inner: state of the part. input: example of input."""
         try:
             sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, input)
         except AttributeError as error:
-            problem = f"needs more than a {type(input).__name__} ({error}), the only input with a fault or a real link"
+            problem = f"with a fault or a real link, a sensor gets only a {type(input).__name__}, but: {error}"
             fix = "fly in virtual time, without a fault in this sensor:  trimtab run SCENARIO"
             raise InputError(f"fault in {type(self.inner).__name__}", problem, fix=fix) from error
         none = jax.tree.map(lambda v: jnp.zeros(jnp.shape(v), jnp.result_type(v)), sample)
@@ -310,14 +309,14 @@ class FaultyPart:
 class FaultySensor(FaultyPart):
     """Sensor whose samples are distorted or dropped while a fault acts.
 
-    The fault may watch the sensor's input, e.g. `p_WB.0` or `v_WB_B.1` of a motion.
+    The fault can be triggered by a signal of the sensor's input, e.g. `p_WB.0` or `v_WB_B.1` of the motion.
 
     Frames:  the sensor's.    Source:  docs page, Faults.
     """
 
     inner: Any = part("Sensor.")
-    fault: Fault = part("Fault of the wrapped part.", default=Fault())
-    example: Any = part("Example of the sensor's input, for a sensor that does not measure the motion.", default=None)
+    fault: Fault = part("Fault of the part `inner`.", default=Fault())
+    example: Any = part("Example of the sensor's input, if the sensor does not measure the motion.", default=None)
     capacity: int = option("Capacity of the ring buffer: samples in the longest delay, plus 1.", default=2)
 
     @property
@@ -335,7 +334,7 @@ class FaultySensor(FaultyPart):
         return self.inner.measure(motion)
 
     def step(self, t: Any, state: FaultyState, motion: Any) -> tuple[FaultyState, Sample]:
-        """Return the state and one sample at integer time t."""
+        """Return the state and the sample, after the effect of the fault, at integer time t."""
         inner, sample = self.inner.step(t, state.inner, motion)
         memory, out = apply_to_sample(t, state.memory, self.fault, sample, motion, step=self.period, has_checksum=False)
         return FaultyState(inner=inner, memory=memory), out
@@ -343,16 +342,16 @@ class FaultySensor(FaultyPart):
 
 @record
 class FaultyChannel(FaultyPart):
-    """Channel with a fault at its receiving end.
+    """Channel with a fault at the channel's receiving end.
 
-    A checksum rejects distorted messages, so a fault `garbage` gives no data. The fault may watch the carried sample,
-    e.g. `value.surge_velocity` or `age`.
+    A checksum rejects distorted messages, so no sample arrives during a fault of kind `garbage`. The fault can be
+    triggered by a value of the received sample, e.g. `value.surge_velocity` or `age`.
 
-    Frames:  those of the values carried.    Source:  docs page, Faults.
+    Frames:  those of the transmitted values.    Source:  docs page, Faults.
     """
 
     inner: Any = part("Channel.")
-    fault: Fault = part("Fault of the wrapped part.", default=Fault())
+    fault: Fault = part("Fault of the part `inner`.", default=Fault())
     capacity: int = option("Capacity of the ring buffer: steps in the longest delay, plus 1.", default=2)
 
     def init(self, key: Key, like: Sample) -> FaultyState:
@@ -372,28 +371,28 @@ class FaultyChannel(FaultyPart):
 class FaultyActuators(FaultyPart):
     """Actuators with a fault that distorts the vehicle's input, or one field or element of the input.
 
-    The fault may watch the command, e.g. `value.speed_rpm`.
+    The fault can be triggered by a value of the command, e.g. `value.speed_rpm`.
 
     Frames:  the actuators'.    Source:  docs page, Faults.
     """
 
     inner: Any = part("Actuators.")
-    fault: Fault = part("Fault of the wrapped part.", default=Fault())
+    fault: Fault = part("Fault of the part `inner`.", default=Fault())
     capacity: int = option("Capacity of the ring buffer: steps in the longest delay, plus 1.", default=2)
 
     def neutral(self) -> Any:
-        """Return the actuators' neutral output."""
+        """Return the neutral output of the actuators, which they have without a valid command."""
         return self.inner.neutral()
 
     def init(self, key: Key) -> FaultyState:
-        """Return the initial state: actuators at rest."""
+        """Return the initial state, with the actuators at rest."""
         neutral = jax.tree.map(jnp.asarray, self.inner.neutral())
         slots = empty_slots(neutral, self.capacity)
         rest = jax.tree.map(lambda slot, v: jnp.broadcast_to(v, slot.shape), slots, neutral)
         return FaultyState(inner=self.inner.init(key), memory=_initial_memory(key.at("fault"), neutral, rest))
 
     def step(self, t: Any, state: FaultyState, command: Sample) -> tuple[FaultyState, Any]:
-        """Return the state and the actuators' output from integer time t on."""
+        """Return the state and the actuators' output, after the effect of the fault, from integer time t on."""
         inner, output = self.inner.step(t, state.inner, command)
         neutral = self.inner.neutral()
         memory, out = apply_to_output(t, state.memory, self.fault, output, neutral, command, step=self.period)

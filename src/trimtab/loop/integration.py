@@ -1,6 +1,6 @@
-"""Integration of the vehicle's true state: methods, tolerances, and steps that end at events.
+"""Numerical integration of the vehicle's true state: methods, tolerances, and steps that end at events.
 
-The default is one classical Runge–Kutta step between two instants. Source: docs page, Integration.
+The default is one classical Runge–Kutta step from each instant of the run to the next. Source: docs page, Integration.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,21 +26,28 @@ STEPS: Mapping[str, tuple[Any, int | None]] = MappingProxyType(
         "rosenbrock": (rodas, 4),
     }
 )
-"""Step function of each method, and the order used by its step size control, or None for a fixed step."""
+"""Integration method -> step function, and order of the method used for step size control (None: fixed step size)."""
 HALVINGS = 52
-"""Number of bisections that locate an event within a step. After these, only rounding error remains."""
+"""Number of bisection steps that locate an event within an integration step. The remaining error is a rounding
+error."""
 
 
 @record
 class IntegrationReport:
-    """Diagnostics of the integrator since the last instant of the simulation. Source: docs page, Integration."""
+    """Diagnostics of the integrator since the last instant of the run. Source: docs page, Integration."""
 
     integration_error: Scalar = quantity(
-        "1", "Largest estimated error of a step since the last instant, as a fraction of the tolerance."
+        "1", "Largest estimated error of an integration step since the last instant, as a fraction of the tolerance."
     )
-    steps: Scalar = quantity("1", "Number of steps since the last instant, including rejected steps.", kind="count")
-    step: Scalar = quantity("s", "Length of the next trial step.")
-    events: Scalar = quantity("1", "Number of events located since the start of the run.", kind="count")
+    steps: Scalar = quantity(
+        "1", "Number of integration steps since the last instant, including rejected steps.", kind="count"
+    )
+    step: Scalar = quantity("s", "Length of the next trial step of the integration.")
+    events: Scalar = quantity(
+        "1",
+        "Number of events (sign changes of the vehicle's `events`) located since the start of the run.",
+        kind="count",
+    )
     crowded: Scalar = quantity(
         "1", "True if more events occurred since the last instant than `most_events`.", kind="flag"
     )
@@ -50,13 +57,13 @@ class IntegrationReport:
 class Integration:
     """Integration of the true state from instant to instant: method, tolerances, and limits on steps and events.
 
-        rk4           one step of order four, of fixed length; the error is estimated by an embedded formula
-        rk4-doubling  the step of rk4; the error is estimated from two steps of half the length
+        rk4           one step of order four, of fixed length, with an error estimate by an embedded formula
+        rk4-doubling  the same step, with an error estimate from two steps of half the length
         rk45          steps of order five, of variable length: for smooth motion with fast phases
         rosenbrock    linearly implicit steps of order four, of variable length: for stiff systems
 
-    The tolerance of a step's estimated error in each number x of the state is absolute + relative |x|. With attitude
-    "group", the quaternions that the vehicle names are integrated as rotations, which keeps their length.
+    For each number x of the state, the estimated error of a step must be at most absolute + relative |x|. With attitude
+    "group", the quaternions that the vehicle's QUATERNIONS names are integrated as rotations, so they keep unit length.
 
     Source:  docs page, Integration.
     """
@@ -67,33 +74,34 @@ class Integration:
         "1", "Absolute tolerance of a step, for each number of the state in its unit.", default=1e-8, above=0
     )
     attitude: str = option(
-        "Integration of quaternions: each component as a number, or on the rotation group, which keeps their length.",
+        "Integration of quaternions. numbers: each component separately. group: as rotations, which keeps unit length.",
         default="numbers",
         choices=("numbers", "group"),
     )
     most_steps: Scalar = quantity(
-        "1", "Maximum number of steps between two instants.", default=1000, low=1, kind="count"
+        "1", "Maximum number of integration steps between two instants.", default=1000, low=1, kind="count"
     )
     most_events: Scalar = quantity(
         "1", "Maximum number of events located between two instants.", default=8, low=0, kind="count"
     )
 
     def first_report(self, h: Any) -> IntegrationReport:
-        """Return the report before the first instant. h: first trial step (s)."""
+        """Return the integration report before the first instant. h: length of the first trial step (s)."""
         zero = jnp.zeros((), np.int32)
         return IntegrationReport(jnp.zeros(()), zero, jnp.zeros(()) + h, zero, jnp.zeros((), np.bool_))
 
 
 PLAIN_STEP = Integration(relative=1e-4, absolute=1e-4)
-"""Default integration of a world: one Runge–Kutta step. The error estimate only shows if the step is far too long."""
+"""Default integration of a world: one Runge–Kutta step per instant. The tolerances are large, so that the error
+estimate exceeds them only if the step is far too long."""
 
 
 class _Progress(NamedTuple):
     """Progress of the integration between two instants.
 
-    since: time since the first instant (s).  x: state.  size: next trial step (s).  steps: number of steps so far.
-    error: largest error of a step, relative to the tolerance.  located: number of events located so far.  is_crowded:
-    True if there were more events than `most_events`.
+    since: time since the first of the two instants (s).  x: state.  size: length of the next trial step (s).  steps:
+    number of steps since the first instant.  error: largest error of a step, relative to the tolerance.  located:
+    number of events located since the first instant.  is_crowded: True if there were more events than `most_events`.
     """
 
     since: Any
@@ -108,10 +116,10 @@ class _Progress(NamedTuple):
 def integrate_truth(
     method: Integration, vehicle: Any, u: Any, t: Any, x: Any, h: Any, before: IntegrationReport
 ) -> tuple[Any, IntegrationReport]:
-    """Return the true state at t + h (s) with a constant input, and the report.
+    """Return the true state at time t + h (s) for a constant input u, and the integration report.
 
-    A step ends where a function in the vehicle's `events` changes its sign. The vehicle's `jump` gives the state after
-    the event.
+    An integration step ends where a function in the vehicle's `events` changes its sign. The vehicle's `jump` computes
+    the state after the event. before: report of the previous call.
     """
     none = jnp.zeros((), np.int32)
     start = _Progress(jnp.zeros(()), _as_floats(x), before.step, none, jnp.zeros(()), none, jnp.zeros((), np.bool_))
@@ -132,9 +140,10 @@ def integrate_truth(
 
 
 def _take_step(method: Integration, vehicle: Any, u: Any, t: Any, h: Any, p: _Progress) -> _Progress:
-    """Return the progress after one step, which ends at h, at the trial length or at the first event.
+    """Return the progress after one integration step.
 
-    A step whose error exceeds the tolerance is rejected.
+    The step ends after the trial length, at the next instant or at the first event, whichever comes first. If its error
+    exceeds the tolerance, the step is rejected.
     """
 
     def f(time: Any, at: Any) -> Any:
@@ -157,7 +166,7 @@ def _take_step(method: Integration, vehicle: Any, u: Any, t: Any, h: Any, p: _Pr
         is_taken, size = jnp.ones((), np.bool_), p.size
     else:
         is_taken = is_forced | (ratio <= 1)
-        # a step that was cut to end at h does not reduce the trial length of the next step
+        # a step that was shortened to end at the next instant does not reduce the trial length of the step after it
         size = jnp.where(is_taken & reaches & (own < p.size), p.size, next_step(own, ratio, order))
     located, is_crowded = p.located, p.is_crowded
     since = jnp.where(reaches, h, p.since + own)
@@ -183,10 +192,11 @@ def _take_step(method: Integration, vehicle: Any, u: Any, t: Any, h: Any, p: _Pr
 def _stop_at_event(
     vehicle: Any, t: Any, x: Any, rate: Any, h: Any, x1: Any, is_free: Any, step: Callable[[Any], tuple[Any, Any]]
 ) -> tuple[Any, Any, Any]:
-    """Return the length (s) of a step up to its first event, the state there, and True if the step contains an event.
+    """Return the length (s) of a step up to the first event, the state there, and True if the step contains an event.
 
-    rate: derivative at x.  h: length of the whole step (s).  x1: state at its end.  is_free: True if an event may end
-    the step.  step: function that takes a step of a given length from x.
+    t: time at the start of the step (s).  x: state at the start.  rate: derivative of x at the start.  h: length of the
+    complete step (s).  x1: state at the end of the complete step.  is_free: True if an event may end the step.  step:
+    function that returns the state, and its error, after a step of a given length (s) from x.
     """
 
     def values(by: Any, at: Any) -> Any:
@@ -195,7 +205,7 @@ def _stop_at_event(
     rate = jax.tree.map(lambda v, d: jnp.broadcast_to(jnp.asarray(d, np.float64), jnp.shape(v)), x, rate)
     zero = jnp.zeros(())
     g, slope = jax.jvp(values, (zero, x), (jnp.ones(()), rate))
-    before = jnp.where(g == 0, slope, g)  # if a jump has set g to zero, use the sign of its slope
+    before = jnp.where(g == 0, slope, g)  # if a jump has set g to zero, use the sign of the derivative of g
     has_crossed = jnp.any(_crosses(before, values(h, x1)))
 
     def locate() -> tuple[Any, Any]:
@@ -220,5 +230,5 @@ def _as_floats(x: Any) -> Any:
 
 
 def _crosses(g: Any, later: Any) -> Any:
-    """Return True for each event function that has changed its sign."""
+    """Return, for each event function, True if its values g and `later` have different signs."""
     return ((g > 0) & (later <= 0)) | ((g < 0) & (later >= 0))

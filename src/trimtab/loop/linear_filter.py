@@ -1,4 +1,4 @@
-"""Design of a Kalman filter for the linear model of any vehicle, with a check that the sensors observe its modes.
+"""Design of a Kalman filter for the linear model of any vehicle, with a check of the vehicle's observability.
 
 Source: docs page, Linear model filter.
 """
@@ -21,13 +21,17 @@ from trimtab.design.model import entry_names, find_indices, model_of_vehicle, re
 from trimtab.estimators.linear_model import LinearModelFilter
 
 LIGHT = 0.2
-"""Damping ratio below which a mode counts as lightly damped and must be observable."""
+"""Damping ratio below which a mode counts as lightly damped. A lightly damped mode must be observable."""
 UNSEEN = 3e-5
-"""Threshold for the smallest singular value, as a fraction of the largest. Below it, a mode counts as unobservable."""
+"""Observability threshold in the Hautus test: a mode counts as unobservable if the smallest singular value of the test
+matrix is less than this fraction of the largest."""
 
 
 class UnseenMode(NamedTuple):
-    """Unobservable mode of a linear model. pole: its pole.  states: states that move in it, largest motion first."""
+    """Unobservable mode of a linear model.
+
+    pole: pole of the mode (1/s).  states: names of the states with a large component in the mode, largest first.
+    """
 
     pole: complex
     states: tuple[str, ...]
@@ -40,15 +44,16 @@ class UnseenMode(NamedTuple):
 
 
 def measure_channels(vehicle: Any, x: Any, u: Any, sensors: Mapping[str, Any]) -> dict[str, Callable[[Any, Any], Any]]:
-    """Return the numbers that the sensors measure, by name, as functions of the vehicle's state and input.
+    """Return each number that the sensors measure, as a function of the vehicle's state and input, by name.
 
-    An example of a name is ``encoder.position``.
+    The name consists of the sensor and the measured quantity, e.g. ``encoder.position``.
 
     Args:
         vehicle: the vehicle with the sensors.
         x: example of a state record.
         u: example of an input record.
-        sensors: the sensors by name. Sensors of the vehicle's input are skipped, as they don't depend on the state.
+        sensors: sensors by name. Sensors that measure the vehicle's input are skipped, because their measurements don't
+            depend on the state.
     """
     functions: dict[str, Callable[[Any, Any], Any]] = {}
     for name, sensor in sensors.items():
@@ -65,7 +70,7 @@ def measure_channels(vehicle: Any, x: Any, u: Any, sensors: Mapping[str, Any]) -
 
 
 def unseen_modes(linear: LinearModel) -> tuple[UnseenMode, ...]:
-    """Return the unobservable poles of a linear model, in order of decreasing real part.
+    """Return the unobservable modes of a linear model, in the order of decreasing real parts of their poles.
 
     Source: M. L. J. Hautus, "Controllability and observability conditions of linear autonomous systems", Proc. Kon.
     Ned. Akad. Wetensch. A 72 (1969): [A - p I; C] v = 0.
@@ -101,23 +106,23 @@ def design_filter(
     period: int,
     actuators: str = "actuators",
 ) -> LinearModelFilter:
-    """Return the filter of a vehicle's whole state near a trim (x, u).
+    """Return a Kalman filter for all states of a vehicle near a trim point (x, u).
 
     Args:
         vehicle: model of the vehicle.
-        x: state record, at a trim.
-        u: input record, at the trim.
-        sensors: the world's sensors by name.
-        noise: name of a measured number that the filter uses, e.g. ``encoder.position`` -> standard deviation of its
-            noise, in its unit.
-        first: state -> standard deviation of its initial estimate. Needed for all states.
-        disturbance: state -> square root of the density of the white noise on its derivative (unit of the derivative
-            times s^0.5).
+        x: state record at the trim point.
+        u: input record at the trim point.
+        sensors: sensors of the world, by name.
+        noise: measured number that the filter uses, e.g. ``encoder.position`` -> standard deviation of the measurement
+            noise, in the unit of the number.
+        first: name of a state -> standard deviation of the state's initial estimate. Required for every state.
+        disturbance: name of a state -> square root of the spectral density of the white noise that is added to the
+            state's derivative (unit of the derivative times s^0.5).
         period: control period of the autopilot (100 ns).
-        actuators: name of the sensor that measures the acting input (`sensors.flight_state.ActingInput`).
+        actuators: name of the sensor that measures the vehicle's input (`sensors.flight_state.ActingInput`).
 
-    Raises: InputError if a mode that is not well damped is unobservable, or if the vehicle's attitude is a quaternion,
-        which needs a filter for inertial navigation (docs, Gnss and inertial).
+    Raises: InputError if a lightly damped, neutral or unstable mode is unobservable, or if the vehicle's attitude is a
+        quaternion. Such a vehicle needs a filter for inertial navigation (docs, Gnss and inertial).
     """
     if attitude_fields(x):
         fix = "use an estimator for inertial navigation (docs, Gnss and inertial)"
@@ -163,6 +168,9 @@ def _refuse_unseen(linear: LinearModel, others: list[str]) -> None:
     for mode in unseen_modes(linear):
         if mode.stays:
             pole = f"{mode.pole.real:+.3g}" + (f" ± {mode.pole.imag:.3g}i" if mode.pole.imag else "")
-            problem = f"{', '.join(linear.outputs)} cannot observe the mode {pole} 1/s, in {', '.join(mode.states)}"
-            fix = f"measure more, e.g. noise={{{others[0]!r}: …}}" if others else "add a sensor that observes this mode"
+            problem = (
+                f"{', '.join(linear.outputs)} cannot observe the mode with pole {pole} 1/s, which appears in "
+                f"{', '.join(mode.states)}"
+            )
+            fix = f"use another measurement, e.g. noise={{{others[0]!r}: …}}" if others else "add a sensor of this mode"
             raise InputError("design_filter", problem, choices=others, fix=fix)

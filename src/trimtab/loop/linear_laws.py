@@ -1,4 +1,4 @@
-"""Linear laws about a trim for any vehicle, from the certificate of a gain or from a compensator of another tool."""
+"""Linear control laws about a trim point, for any vehicle: from a gain file, or from a compensator of another tool."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,27 +25,28 @@ from trimtab.laws.state_space import StateSpaceLaw
 from trimtab.loop.structure import check_record, check_vehicle
 
 STATE, INPUT = "x0 ", "u0 "
-"""Prefixes of the entries in a certificate that give the trim: values of states and of inputs."""
+"""Prefixes of the entries in a certificate that contain the trim values of the states ("x0 ") and inputs ("u0 ")."""
 INTEGRAL_FACTOR = 5.0
-"""Bound of each integral in the law, as a multiple of the integral's limit in the design."""
+"""Anti-windup bound of each error integral in the law, as a multiple of the integral's limit in the gain's design."""
 
 
 def read_feedback(file: Path | str, x: Any, u: Any, assumed: Any = None) -> StateFeedback:
-    """Return the control law with the gain in a file from `trimtab design VEHICLE --lqr --out FILE`.
+    """Return the control law that uses the gain in a file written by `trimtab design VEHICLE --lqr --out FILE`.
 
     Args:
-        file: the file, which contains a certificate (gain, trim and proof of stability).
-        x: example of the vehicle's state record. It defines the fields, and each value that is not in the file.
-        u: example of the vehicle's input record. It defines the fields, and each value that is not in the file.
-        assumed: vehicle model for which the gain was designed. The log reports how it differs from the true vehicle.
+        file: path of the file, which contains a certificate (gain, trim point and proof of stability).
+        x: example of the vehicle's state record. States without a trim value in the file keep the value in this record.
+        u: example of the vehicle's input record. Inputs without a trim value in the file keep the value in this record.
+        assumed: vehicle model for which the gain was designed. The log reports where this model differs from the true
+            vehicle.
 
-    Raises: InputError if the file is not a certificate, or is the certificate of another vehicle.
+    Raises: InputError if the file does not contain a certificate, or contains the certificate of another vehicle.
     """
     return feedback_law(read_certificate(Path(file))[0], x, u, assumed)
 
 
 def feedback_law(certificate: Certificate, x: Any, u: Any, assumed: Any = None) -> StateFeedback:
-    """Return the law from the gain in a certificate. The other arguments are those of `read_feedback`."""
+    """Return the control law that uses the gain in a certificate. x, u, assumed: see `read_feedback`."""
     integrals = [n for n in certificate.states if n.startswith(INTEGRAL)]
     states = [n for n in certificate.states if n not in integrals]
     columns, fields, turned, places = _feedback_columns(x, states)
@@ -80,17 +81,17 @@ def feedback_law(certificate: Certificate, x: Any, u: Any, assumed: Any = None) 
 def design_feedback(
     vehicle: Any, x: Any, u: Any, limits: Mapping[str, float], integrals: Mapping[str, float] | None = None
 ) -> StateFeedback:
-    """Return the regulator of a vehicle at a trim (x, u), designed from the largest allowed deviations.
+    """Return a linear-quadratic regulator of a vehicle at a trim point (x, u), with weights from allowed deviations.
 
     Args:
         vehicle: model of the vehicle.
-        x: state record, at a trim.
-        u: input record, at the trim.
-        limits: each state that is fed back, and each input -> largest allowed deviation. The names are those of
-            `error_model`.
-        integrals: state -> largest allowed integral of its error.
+        x: state record at the trim point.
+        u: input record at the trim point.
+        limits: name of each state that is fed back, and of each input -> largest allowed deviation. The names are those
+            that `error_model` returns.
+        integrals: name of a state -> largest allowed integral of the state's error.
 
-    Source: `design.bryson`.
+    Source: Bryson's rule, `design.bryson`.
     """
     check_record("vehicle", vehicle)
     check_vehicle(vehicle, x, u)
@@ -103,15 +104,16 @@ def design_feedback(
 def track_course(
     feedback: StateFeedback, model: StateSpaceModel, course: Inversion, *, every: int = 1
 ) -> CourseTracking:
-    """Return the law that follows the trajectory of an inversion: feedforward of its inputs, feedback of the
-    deviations.
+    """Return the law that tracks a trajectory computed by model inversion.
+
+    The law adds the trajectory's inputs (feedforward) and the feedback of the deviations from the trajectory's states.
 
     Args:
-        feedback: linear law of the vehicle, about the first point of the trajectory.
-        model: model with which the trajectory was computed. Inputs that the model lacks keep the values of the feedback
-            law.
-        course: result of the inversion, with equal time steps.
-        every: N, to use only every Nth node of the trajectory.
+        feedback: linear law of the vehicle about the first point of the trajectory.
+        model: model with which the trajectory was computed. Inputs that are not in this model keep their trim values of
+            the feedback law.
+        course: trajectory, i.e. the result of the inversion, with equal time steps.
+        every: number N; the law uses every Nth point of the trajectory.
     """
     whole = jax.jit(jax.vmap(model.to_record or (lambda x: unpack_record(model.state_record, x))))
     states = whole(jnp.asarray(course.x[::every]))
@@ -126,31 +128,33 @@ def track_course(
 
 
 def compensator_law(system: Any, reads: Sequence[str], x0: Any, u0: Any, *, period: int) -> StateSpaceLaw:
-    """Return a compensator of python-control or scipy.signal as a law: u = u0 + system (x - x0).
+    """Return the law u = u0 + system (x - x0) for a compensator of python-control or scipy.signal.
 
     Args:
-        system: compensator from the errors of the fields in `reads` to the changes of the inputs. A continuous
-            compensator is discretised by Tustin's rule. The feedback is positive: a stabilising compensator contains
-            the minus sign.
-        reads: fields of the state.
-        x0: set-points of the fields in `reads`, all numbers in one list.
+        system: compensator. Its inputs are the errors x - x0, its outputs the changes u - u0. A continuous compensator
+            is discretised by Tustin's rule. The compensator must contain the minus sign of negative feedback.
+        reads: fields of the vehicle's state from which x is built.
+        x0: set-points of all numbers in these fields, in one list.
         u0: input record at the set-point.
-        period: period of the compensator (100 ns), a multiple of the autopilot's.
+        period: period of the compensator (100 ns), a multiple of the autopilot's period.
     """
     A, B, C, D = discrete_matrices(system, period * SECONDS_PER_UNIT)
     wanted = (int(np.size(record_vector(u0))), int(np.size(x0)))
     if D.shape != wanted:
         problem = f"the compensator has {D.shape[1]} inputs and {D.shape[0]} outputs"
         raise InputError(
-            "compensator", problem, fix=f"give a compensator from {wanted[1]} errors to {wanted[0]} inputs"
+            "compensator",
+            problem,
+            fix=f"use a compensator with {wanted[1]} inputs (errors) and {wanted[0]} outputs (inputs of the vehicle)",
         )
     return StateSpaceLaw(tuple(reads), A, B, C, D, np.ravel(np.asarray(x0, float)), u0, period)
 
 
 class StateNumber(NamedTuple):
-    """Number of the vehicle's state that a law feeds back.
+    """State variable that a law feeds back.
 
-    path: path in the state record.  state: name in the gain.  value: value at the trim.  unit: unit of the number.
+    path: path in the vehicle's state record.  state: name of the state in the gain file.  value: value at the trim
+    point.  unit: unit of the value.
     """
 
     path: str
@@ -160,9 +164,9 @@ class StateNumber(NamedTuple):
 
 
 def state_numbers(law: StateFeedback, x: Any) -> list[StateNumber]:
-    """Return the numbers of the state that a law of `feedback_law` reads, except those of an attitude.
+    """Return the state variables that a law made by `feedback_law` reads, without those of an attitude.
 
-    x: example of a state record.
+    x: example of the vehicle's state record.
     """
     declared = {path: d for path, _, d in leaves(x) if isinstance(d, Quantity)}
     numbers: list[StateNumber] = []
@@ -180,16 +184,17 @@ def state_numbers(law: StateFeedback, x: Any) -> list[StateNumber]:
 
 
 def describe_vehicle(vehicle: Any, x: Any, u: Any) -> dict[str, str]:
-    """Return the description of a vehicle in a gain's file: its class, and names and units of its states and inputs."""
+    """Return the description of a vehicle for a gain file: the class, and the names and units of states and inputs."""
     units = [f"{path} {d.unit}" for own in (x, u) for path, _, d in leaves(own) if isinstance(d, Quantity)]
     return {"vehicle": type(vehicle).__name__, "units": "; ".join(units)}
 
 
 class _FeedbackColumns(NamedTuple):
-    """Columns of the gain. columns: index of each fed-back state among the errors of the fields.
+    """Columns of a law's gain matrix.
 
-    fields: fields that contain fed-back states, with sizes.  turned: fields that are velocities in the outer frame of
-    an attitude.  places: fields that are positions in that frame.
+    columns: column of each state that is fed back.  fields: name and number of columns of each state field that
+    contains such a state.  turned: fields that are vectors, but not positions, in the outer frame of the vehicle's
+    attitude, e.g. velocities.  places: fields that are positions in this outer frame.
     """
 
     columns: list[int]
@@ -211,9 +216,9 @@ def _feedback_columns(x: Any, states: Sequence[str]) -> _FeedbackColumns:
         begin += len(names)
     unknown = [n for n in states if n not in columns]
     if unknown:
-        problem = f"the gain feeds back {unknown[0]!r}, which the vehicle's state does not have"
+        problem = f"the gain feeds back {unknown[0]!r}, which is not a state of the vehicle"
         raise InputError(
-            "gain", problem, choices=columns, fix="give the state record of the vehicle for which the gain was designed"
+            "gain", problem, choices=columns, fix="use the state record of the vehicle for which the gain was designed"
         )
     outer = attitude_fields(x)
     own = dict(fields)

@@ -1,7 +1,7 @@
-"""Settings of delay, jitter and loss for any link. The link is replaced by a `MeasuredLatency`.
+"""Settings of delay, jitter and loss for any radio link. A link with such a setting is replaced by a `MeasuredLatency`.
 
-    delay     constant latency; replaces the latency of the link
-    jitter    additional latency, uniformly distributed from 0 to this value
+    delay     constant latency, which replaces the latency of the link
+    jitter    additional random latency, uniformly distributed from 0 to this value
     loss      probability that a packet is lost, independent for each packet
 
 Source: docs page, Axes.
@@ -25,13 +25,15 @@ LINKS = ("uplink", "downlink")
 KINDS = ("delay", "jitter", "loss")
 EXPECTED = "autopilot.predictor.uplink_delay"
 SETTINGS = tuple(f"{link}.{kind}" for link in LINKS for kind in KINDS)
-"""Names of the settings of both links, in the order in which they are applied."""
+"""Names of the settings of uplink and downlink, in the order in which the settings are applied."""
 
 
 def with_link_settings(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
-    """Return the scenario with changed settings of its links, e.g. {"uplink.delay": "80 ms", "downlink.loss": "5 %"}.
+    """Return the scenario with new delay, jitter or loss of the radio links.
 
-    Raises: InputError for a text that is not a time or a percentage, or for a link that has no latency.
+    settings: name -> text, e.g. {"uplink.delay": "80 ms", "downlink.loss": "5 %"}.
+
+    Raises: InputError for a text that is not a time or a percentage, or for a link whose latency cannot be changed.
     """
     for name in [name for name in SETTINGS if name in settings]:
         link, _, kind = name.partition(".")
@@ -41,7 +43,7 @@ def with_link_settings(scenario: Scenario, settings: Mapping[str, str]) -> Scena
 
 
 def _change_link(scenario: Scenario, link: str, kind: str, value: float) -> Scenario:
-    """Return the scenario with one changed number of a link: delay (s), jitter (s) or loss."""
+    """Return the scenario with a new value of a link's delay (s), jitter (s) or loss (probability)."""
     channel = measured_latency(scenario, link)
     if kind == "loss":
         return replace(scenario, world=replace(scenario.world, **{link: replace(channel, loss=value)}))
@@ -81,14 +83,17 @@ def _parse_share(name: str, text: str) -> float:
     if not 0 <= value <= 1:
         raise InputError(
             argument_name("settings", name),
-            f"must be a share of packets, 0 to 100 %, got {text!r}",
+            f"must be the fraction of packets that are lost, 0 to 100 %, got {text!r}",
             fix=f"{argument('settings', '5 %', name)}, from 0 to 100 %",
         )
     return value
 
 
 def even_latencies() -> np.ndarray:
-    """Return the latency table (NODES,) of a uniform distribution over [0, 1], tabulated over the normal score."""
+    """Return the latency table (NODES,) of a uniform distribution over [0, 1] s.
+
+    The table contains the latency as a function of a standard normal number.
+    """
     from scipy.special import ndtr
 
     return ndtr(normal_scores())
@@ -103,9 +108,9 @@ def measured_latency(scenario: Scenario, link: str) -> MeasuredLatency:
     if isinstance(channel, MeasuredLatency):
         return channel
     if not isinstance(channel, DelayChain | Wire):
-        problem = f"{type(channel).__name__} has no latency that can be varied"
+        problem = f"a {type(channel).__name__} has no latency that can be changed"
         raise InputError(
-            f"world.{link}", problem, fix="use a scenario whose link has a latency, or vary a parameter of this link"
+            f"world.{link}", problem, fix="use a scenario whose link has a latency, or change a parameter of this link"
         )
     delay = channel.delay() if isinstance(channel, DelayChain) else 0.0
     looks = min(channel.period, scenario.autopilot.period, ms(1))
@@ -113,9 +118,9 @@ def measured_latency(scenario: Scenario, link: str) -> MeasuredLatency:
 
 
 def extend_horizon(scenario: Scenario, longest: int) -> Scenario:
-    """Return the scenario with the horizon of its predictor extended by a time `longest` (100 ns).
+    """Return the scenario with the horizon of the predictor increased by `longest` (100 ns).
 
-    A scenario without a predictor is returned unchanged.
+    If the autopilot has no predictor, the scenario is returned unchanged.
     """
     predictor = scenario.autopilot.predictor
     if predictor is None:

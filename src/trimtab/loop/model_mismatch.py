@@ -1,9 +1,9 @@
-"""Checks that all vehicle models inside an autopilot agree. Differences from the true vehicle are reported.
+"""Check that all vehicle models inside an autopilot are equal, and report of their differences from the true vehicle.
 
-Each record of the vehicle's class in the autopilot is a vehicle model that some part uses: a filter's `craft`, a law's
-`model`. If the models differed from each other, the flight would be wrong without a message. So different models are an
-error unless the setting `mismatch` names the difference. A true vehicle that differs from all models is allowed,
-because campaigns need it, and is reported in the log.
+Each record of the vehicle's class in the autopilot is a vehicle model, e.g. the `craft` of a filter or the `model` of a
+law. Models that differ from each other by mistake would make the flight wrong without a message. Therefore different
+models are an error unless the setting `mismatch` names the difference. Models that all differ from the true vehicle are
+allowed, because campaigns need such model errors. The log reports these differences.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,14 +15,14 @@ from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.quantity import leaves, records
 
 SHOWN = 6
-"""Maximum number of differences listed in the report."""
+"""Maximum number of differences between model and true vehicle that the report lists."""
 
 
 class Mismatch(NamedTuple):
-    """Parameter in which a model differs from the true vehicle.
+    """Parameter of the vehicle that differs between an autopilot's vehicle model and the true vehicle.
 
-    path: path of the parameter in the vehicle, or in the autopilot if the models disagree.  assumed, actual: values in
-    the model and in the vehicle, as text; "none" for a missing part.
+    path: path of the parameter in the vehicle, or in the autopilot if the autopilot's models differ.  assumed: value in
+    the model, as text.  actual: value in the true vehicle, as text. Both are "none" for a missing part.
     """
 
     path: str
@@ -31,14 +31,14 @@ class Mismatch(NamedTuple):
 
 
 def vehicle_copies(autopilot: Any, vehicle: Any) -> dict[str, Any]:
-    """Return the autopilot's vehicle models by path: all records of the vehicle's class in the autopilot."""
+    """Return the vehicle models in an autopilot, by path. A model is a record of the same class as the vehicle."""
     return {path: copy for path, copy in records(autopilot, "autopilot") if type(copy) is type(vehicle)}
 
 
 def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> None:
-    """Raise InputError if parts of an autopilot have different models of the vehicle.
+    """Raise InputError if parts of an autopilot use different models of the vehicle.
 
-    named: paths of the models, or of the numbers in models, that may differ.
+    named: paths of the models, or of single parameters of models, that may differ.
     """
     named = tuple(named)
     copies = vehicle_copies(autopilot, vehicle)
@@ -68,9 +68,9 @@ def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> No
 
 
 def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
-    """Return the parameters in which the vehicle models of the autopilot differ from the true vehicle.
+    """Return the parameters that differ between the autopilot's vehicle models and the true vehicle.
 
-    If the models disagree with each other, each path names one model.
+    If the models differ from each other, the path of a parameter includes the path of the model.
     """
     copies = vehicle_copies(autopilot, vehicle)
     by_copy = {path: _differences(copy, vehicle) for path, copy in copies.items()}
@@ -84,17 +84,18 @@ def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
 
 
 def describe_mismatches(mismatches: Iterable[Mapping[str, str]]) -> str:
-    """Return the differences in one line, e.g. "model ≠ world: mass 2.6 vs 3 (intended)", or "" without any."""
+    """Return the differences in one line, e.g. "model ≠ world: mass 2.6 vs 3 (intended)", or "" if there are no
+    differences."""
     parts = [f"{m['path']} {m['assumed']} vs {m['actual']}" for m in mismatches]
     more = f" and {len(parts) - SHOWN} more" if len(parts) > SHOWN else ""
     return f"model ≠ world: {', '.join(parts[:SHOWN])}{more} (intended)" if parts else ""
 
 
 def _differences(one: Any, other: Any) -> list[tuple[str, str, str]]:
-    """Return the differences between two records: path, first value and second value.
+    """Return the differences between two records. Each difference consists of path, first value and second value.
 
-    A part that one record lacks gives one entry. Values that are not finite are skipped, because `loop.checks` reports
-    them.
+    A part that is missing in one record is one difference. Values that are not finite are skipped, because
+    `loop.checks` reports them.
     """
     a, b = ({path: value for path, value, _ in leaves(craft)} for craft in (one, other))
     parts = [{path for path, _ in records(craft)} for craft in (one, other)]

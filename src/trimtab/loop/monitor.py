@@ -1,19 +1,19 @@
-"""Monitor of formulas in signal temporal logic during the flight. An optional part of the Autopilot.
+"""Monitor that evaluates formulas in signal temporal logic during the flight. An optional part of the Autopilot.
 
-A row is one evaluation of the formulas, once per period of the monitor. The value of a formula that looks ahead is
-known only later. So the monitor's output at a row is the value for an earlier row. The delay is the number of rows by
-which the formula looks ahead. The output equals the value that `logs.robustness` computes for that row of the log, bit
-for bit. `always` or `eventually` without an end must be outermost. The output is then the smallest or largest value
-since the first row.
+The monitor evaluates the formulas once per monitor period. Each evaluation is called a row, because it corresponds to a
+row of the log. The value of a formula that looks ahead is known only later, so the monitor's output at a row is the
+value for an earlier row. The delay is the number of rows by which the formula looks ahead. The output equals, bit for
+bit, the value that `logs.robustness` computes for the earlier row from the log. `always` or `eventually` without an end
+must be the outermost operator. In this case the output is the smallest or largest value since the first row.
 
-    always[a, b] F    at row i, the smallest of the last b - a + 1 values of F; this is the value for row i - b
-    F until[a, b] G   computed from pairs (u, m) for each window: u the value of until, m the smallest value of F.
-                      For an older window A and the following window B, the pair of both together is
+    always[a, b] F    at row i, the smallest of the last b - a + 1 values of F. This is the value for row i - b.
+    F until[a, b] G   computed from a pair (u, m) for each window of rows: u is the value of until, m is the smallest
+                      value of F. For an older window A and the following window B, the pair of the joined window is
                       u = max(uA, min(mA, uB))      m = min(mA, mB)
 
-A window of 2, 4, 8, … rows that ends now is combined from two windows of half the length. The last two windows may
-overlap. So the time of a step does not depend on the data, and grows with the logarithm of the number of rows in the
-window. The memory is one number for each row of the window.
+The value for a window of 2, 4, 8, … rows that ends now is combined from the values for two windows of half the length.
+The two windows that are combined last may overlap. Therefore the computing time of a step does not depend on the data.
+It grows with the logarithm of the number of rows in the window. The memory is one number for each row of the window.
 
 Source: Maler, Nickovic, Pnueli, "From MITL to timed automata", FORMATS 2006, for the conversion of a formula about a
 bounded future into one about the past; Bender, Farach-Colton, "The LCA problem revisited", LATIN 2000, for windows of
@@ -38,7 +38,7 @@ from trimtab.core.time import format_time, ms
 from trimtab.logs.robustness import HOLDS, PENDING, VERDICTS, VIOLATED, compare, evaluate_number, join
 
 MOST_MEMORY = 100_000
-"""Maximum number of values that a monitor may store."""
+"""Maximum number of values that a monitor may store for one formula."""
 _NAMED = re.compile(r"\s*(?:(?P<name>[a-z][a-z0-9_]*)\s*:)?\s*(?P<formula>[^;]*?)\s*", re.DOTALL)
 EXAMPLE = "always(abs(estimate.state.yaw_rate) < 4 rad/s)"
 SMALLEST, LARGEST = (jnp.minimum, math.inf), (jnp.maximum, -math.inf)
@@ -47,16 +47,16 @@ EXTREMES = {"always": SMALLEST, "historically": SMALLEST, "eventually": LARGEST,
 
 @record
 class MonitorInput:
-    """Signals that a formula may use. Their paths are those of the autopilot's signals in the log.
+    """Signals that a formula may use. A formula names a signal by the signal's path in the log.
 
     Source:  docs page, Monitor.
     """
 
-    estimate: Any = part("Estimate.")
+    estimate: Any = part("Output of the estimator.")
     law: Any = part("Output of the law.")
-    command: Any = part("Command as issued.")
-    downlink: Any = part("Newest sample of each sensor.")
-    supervisor: Any = part("Output of the supervisor; empty without a supervisor.", default=())
+    command: Any = part("Command as issued by the autopilot.")
+    downlink: Any = part("Newest received sample of each sensor.")
+    supervisor: Any = part("Output of the supervisor, or empty without a supervisor.", default=())
 
 
 @record
@@ -65,7 +65,8 @@ class MonitorOutput:
 
     robustness: Scalar = quantity(
         "U",
-        "Margin of the formula (negative: violated), in the unit of its comparison; 0 while the verdict is pending.",
+        "Robustness margin of the formula, in the unit of its comparison. Negative: violated. 0 while the verdict is "
+        "pending.",
     )
     verdict: Scalar = quantity("1", "Verdict on the formula: pending, holds or violated.", kind="mode", modes=VERDICTS)
 
@@ -74,25 +75,28 @@ class MonitorOutput:
 class MonitorState:
     """Memory and last outputs of a monitor. Frames: none. Source: docs page, Monitor."""
 
-    rows: Scalar = quantity("1", "Number of rows evaluated so far.", kind="count")
-    memory: Any = quantity("U", "Stored values of the last rows: all delay lines, one after the other.")
-    outputs: Mapping[str, MonitorOutput] = part("Last output of each formula, by name of the formula.")
+    rows: Scalar = quantity("1", "Number of evaluations of the formulas since the start of the run.", kind="count")
+    memory: Any = quantity(
+        "U", "Values stored for formulas that refer to other times. The delay lines of all formulas follow one another."
+    )
+    outputs: Mapping[str, MonitorOutput] = part("Last verdict on each formula, by the formula's name.")
 
 
 @record
 class Monitor:
     """Monitor of formulas in signal temporal logic. It computes the margin of each formula once per `period`.
 
-    Frames:  none; formulas have their own units.
-    Not modelled: periods that are skipped in a real-time flight. Their rows are missing.
+    Frames:  none; each formula has its own unit.
+    Not modelled: skipped periods of a real-time flight. The formulas are not evaluated in a skipped period.
     Source:  docs page, Monitor.
     """
 
     formulas: str = option(
-        "Formulas, each with an optional name, separated by semicolons: 'turn: always(…); rest: always(…)'.", default=""
+        "Formulas separated by semicolons, each with an optional name, e.g. 'turn: always(…); rest: always(…)'.",
+        default="",
     )
     period: int = period(
-        "Time between two evaluations of the formulas; a multiple of the control period.", default=ms(10)
+        "Time between two evaluations of the formulas. It must be a multiple of the control period.", default=ms(10)
     )
 
     def check(self) -> None:
@@ -101,8 +105,8 @@ class Monitor:
             tree = parse_formula(text)
             inside = tree.formulas[0] if _is_without_end(tree) else tree
             if look_ahead(inside) is None:
-                problem = f"{name}: {text!r} looks ahead without an end, so its value is never known in flight"
-                fix = "give each interval an end, e.g. eventually[0, 2 s](…); only an outermost always(…) may have none"
+                problem = f"{name}: {text!r} looks ahead without a time limit, so its value is never known in flight"
+                fix = "add an end to each interval, e.g. eventually[0, 2 s](…); only the outermost may have no end"
                 raise InputError("formulas", problem, fix=fix)
             _check_intervals(tree, name, self.period)
             online = _Online(self.period)
@@ -118,7 +122,8 @@ class Monitor:
     def texts(self) -> dict[str, str]:
         """Return the formulas by name.
 
-        A single formula without a name is named "requirement". Formula number 2 of several is named "requirement_2".
+        A formula without a name is named "requirement" or, if there are several formulas, by its position:
+        "requirement_2" for the second formula.
         """
         texts: dict[str, str] = {}
         pieces = self.formulas.split(";")
@@ -136,14 +141,17 @@ class Monitor:
         return texts
 
     def fit(self, input: MonitorInput) -> dict[str, Formula]:
-        """Return the formulas by name. Raise InputError if a path or unit does not fit the autopilot's signals."""
+        """Return the formulas by name. Raise InputError for an unknown signal path or an unsuitable unit in a formula.
+
+        input: example of the autopilot's signals.
+        """
         known = [(path, np.shape(value), d.unit) for path, value, d in leaves(input) if isinstance(d, Quantity)]
         return self.fit_signals({path: shape for path, shape, _ in known}, {path: unit for path, _, unit in known})
 
     def fit_signals(self, shapes: Mapping[str, tuple[int, ...]], units: Mapping[str, str]) -> dict[str, Formula]:
-        """Return the formulas by name. Raise InputError if a formula does not fit the signals.
+        """Return the formulas by name. Raise InputError for an unknown signal path or an unsuitable unit in a formula.
 
-        shapes: signal path -> shape.  units: signal path -> unit.
+        shapes: path of a signal -> shape.  units: path of a signal -> unit.
         """
         try:
             return {name: fit_formula(text, shapes, units) for name, text in self.texts().items()}
@@ -161,7 +169,7 @@ class Monitor:
         return MonitorState(rows=np.int32(0), memory=memory, outputs=outputs)
 
     def step(self, t: Any, s: MonitorState, input: MonitorInput) -> MonitorState:
-        """Return the state with the outputs at integer time t."""
+        """Return the monitor's state, which includes the outputs, at integer time t."""
         return lax.cond(t % self.period == 0, lambda: self._take_row(s, input), lambda: s)
 
     def _take_row(self, s: MonitorState, input: MonitorInput) -> MonitorState:
@@ -176,21 +184,24 @@ def _is_without_end(tree: Any) -> bool:
 
 
 def _rows_of(tree: Temporal, period: int) -> tuple[int, int | None]:
-    """Return the first and the last row of an interval, relative to the row for which the formula is evaluated.
+    """Return the first and the last row of a formula's time interval, relative to the evaluated row.
 
-    The last row of an interval without an end is None.
+    The last row is None if the interval has no end.
     """
     return -(-tree.low // period), None if tree.high is None else tree.high // period
 
 
 def _check_intervals(tree: Any, name: str, period: int) -> None:
-    """Raise InputError for an interval that is too short to contain a row."""
+    """Raise InputError for a time interval in which the monitor does not evaluate the formula once."""
     if isinstance(tree, Predicate):
         return
     if isinstance(tree, Temporal):
         low, high = _rows_of(tree, period)
         if high is not None and high < low:
-            problem = f"{name}: the interval of {tree.word} contains no row: rows are {format_time(period)} apart"
+            problem = (
+                f"{name}: the interval of {tree.word} contains no evaluation, because the monitor's period is "
+                f"{format_time(period)}"
+            )
             raise InputError(
                 "formulas",
                 problem,
@@ -201,12 +212,13 @@ def _check_intervals(tree: Any, name: str, period: int) -> None:
 
 
 class _Online:
-    """Evaluation of a formula at one row.
+    """Evaluation of a formula at the present row (one monitor period).
 
-    All delay lines are stored in the array `memory`. If `memory` is None, only the required memory is counted.
+    All delay lines are stored in the array `memory`. If `memory` is None, nothing is evaluated, and only the required
+    memory is counted.
 
-    The result for a formula is a value and its delay in rows. Before this number of rows has passed, the value is
-    meaningless. sign: -1 in a negated formula.
+    The methods return the value of a formula and the value's delay, a number of rows. Until this number of rows has
+    been evaluated, the value has no meaning. sign: -1 in a negated formula, else 1.
     """
 
     def __init__(
@@ -217,7 +229,7 @@ class _Online:
         self.fills: list[Any] = []
 
     def assess(self, tree: Any) -> MonitorOutput:
-        """Return the verdict on a whole formula."""
+        """Return the verdict on a complete formula. tree: syntax tree of the formula."""
         if _is_without_end(tree):
             low, (extreme, none) = _rows_of(tree, self.period)[0], EXTREMES[tree.word]
             value, ago = self.evaluate(tree.formulas[0], 1)
@@ -262,7 +274,7 @@ class _Online:
         return self._delay(self._slide_one(extreme, value, high - low + 1, none), low, none), ago
 
     def _look_back(self, tree: Temporal, values: list[Any]) -> Any:
-        """Return the value of always or eventually, for the row at which the interval starts."""
+        """Return the value of `always` or `eventually` over the last rows, as many as its interval contains."""
         low, high = _rows_of(tree, self.period)
         extreme, none = EXTREMES[tree.word]
         assert high is not None
@@ -289,20 +301,23 @@ class _Online:
         return jnp.minimum(self._delay(since, low, -math.inf), self._slide_one(jnp.minimum, stays, low, math.inf))
 
     def _align(self, below: list[tuple[Any, int]]) -> tuple[list[Any], int]:
-        """Return the values, delayed so that all belong to the same row, and their common delay in rows."""
+        """Return the values of subformulas, delayed so that all are for the same row, and the common delay in rows."""
         ago = max(own for _, own in below)
         return [self._delay(value, ago - own, 0.0) for value, own in below], ago
 
     def _since(self, first: int, value: Any, none: float) -> Any:
-        """Return `value` at rows from `first` on, and `none` at earlier rows."""
+        """Return `value` from row number `first` on, and `none` at earlier rows."""
         return value if first == 0 else jnp.where(self.row >= first, value, none)
 
     def _slide_one(self, extreme: Any, value: Any, width: int, none: float) -> Any:
-        """Return the smallest or largest (function `extreme`) of the last `width` values."""
+        """Return the smallest or largest of the last `width` values. extreme: the function minimum or maximum."""
         return self._slide((value,), width, (none,), lambda a, b: (extreme(a[0], b[0]),))[0]
 
     def _slide(self, now: tuple[Any, ...], width: int, none: tuple[float, ...], combine: Any) -> tuple[Any, ...]:
-        """Return the values of the last `width` rows, combined. `combine` must allow overlapping windows."""
+        """Return the combination of the values of the last `width` rows.
+
+        combine: function of the values for two windows of rows. Its result must be right also if the windows overlap.
+        """
         length = 1
         while length < width:
             back = min(length, width - length)
@@ -311,7 +326,7 @@ class _Online:
         return now
 
     def _delay(self, x: Any, n: int, none: float) -> Any:
-        """Store the value x. Return the value stored n rows ago, or `none` if that is before the first row."""
+        """Store the value x. Return the value stored n rows ago, or `none` if fewer than n rows have been evaluated."""
         if n == 0:
             return x
         place = self.used + self.row % n
@@ -323,7 +338,7 @@ class _Online:
         return old
 
     def _accumulate(self, function: Any, x: Any, none: float) -> Any:
-        """Return and store function(r, x), where r is the result at the previous row."""
+        """Return and store function(r, x), where r is the result stored at the previous row."""
         place = self.used
         self._reserve(1, none)
         if self.memory is None:
@@ -338,7 +353,7 @@ class _Online:
 
 
 def _join_stretches(older: tuple[Any, Any], newer: tuple[Any, Any]) -> tuple[Any, Any]:
-    """Return the pair (value of until, smallest value of its left side) for two consecutive windows together."""
+    """Return the pair (value of until, smallest value of its left operand) for the union of two successive windows."""
     return jnp.maximum(older[0], jnp.minimum(older[1], newer[0])), jnp.minimum(older[1], newer[1])
 
 

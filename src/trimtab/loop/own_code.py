@@ -1,4 +1,4 @@
-"""Error messages for faults in a user's vehicle, law or scenario file: one sentence, with file and line."""
+"""Error messages for faults in a user's own vehicle, law or scenario file: one sentence with file and line number."""
 
 import dataclasses
 import difflib
@@ -31,31 +31,36 @@ CONVERSIONS = (
 )
 """JAX errors raised when Python needs the value of a traced array."""
 REPLACEMENTS = (
-    (r"\b(if|elif)\b", "`{0}` on " + TRACED, "use jnp.where(condition, a, b)  for  a if condition else b"),
-    (r"\bwhile\b", "`while` on " + TRACED, "use  for _ in range(N)  with jnp.where inside, or jax.lax.fori_loop"),
-    (r"\b(math|np|numpy)\.(\w+)", "`{0}.{1}` of " + TRACED, "use jnp.{1}, after  import jax.numpy as jnp"),
-    (r"\.(item|tolist)\(", "`.{0}()` of " + TRACED, "leave .{0}() out: use the array itself"),
-    (r"\b(float|int|bool)\(", "`{0}()` of " + TRACED, "leave {0}() out, or x.astype(…)"),
-    (r"\b(range)\(", "`{0}()` of " + TRACED, "use a fixed number of steps, or jax.lax.fori_loop"),
-    (r"\b(and|or|not)\b", "`{0}` on " + TRACED, "use &, | and ~, with brackets around each comparison"),
-    (r"\b(min|max)\(", "`{0}()` of " + TRACED, "use jnp.{0}imum(a, b)"),
+    (r"\b(if|elif)\b", "`{0}` depends on " + TRACED, "use jnp.where(condition, a, b)  for  a if condition else b"),
+    (
+        r"\bwhile\b",
+        "`while` depends on " + TRACED,
+        "use  for _ in range(N)  with jnp.where inside, or jax.lax.fori_loop",
+    ),
+    (r"\b(math|np|numpy)\.(\w+)", "`{0}.{1}` is applied to " + TRACED, "use jnp.{1}, after  import jax.numpy as jnp"),
+    (r"\.(item|tolist)\(", "`.{0}()` is applied to " + TRACED, "leave .{0}() out: use the array itself"),
+    (r"\b(float|int|bool)\(", "`{0}()` is applied to " + TRACED, "leave {0}() out, or x.astype(…)"),
+    (r"\b(range)\(", "`{0}()` is applied to " + TRACED, "use a fixed number of steps, or jax.lax.fori_loop"),
+    (r"\b(and|or|not)\b", "`{0}` is applied to " + TRACED, "use &, | and ~, with brackets around each comparison"),
+    (r"\b(min|max)\(", "`{0}()` is applied to " + TRACED, "use jnp.{0}imum(a, b)"),
 )
-"""Patterns of faulty lines. Each entry: pattern, description of the problem, and code to write instead."""
+"""Typical faults in a source line: pattern of the line, description of the problem, and code to write instead."""
 IMPORTS = {"jnp": "import jax.numpy as jnp", "np": "import numpy as np", "jax": "import jax", "math": "import math"}
-"""Names that a user's file often uses without an import, with the line that imports each."""
+"""Name that users often forget to import -> line that imports it."""
 
 
 REMEDIES = {
     "__format__": "use jax.debug.print to print a number of a run",
     "item assignment": "write x = x.at[i].set(value)",
 }
-"""Text in the message of a TypeError -> the fix to suggest."""
+"""Part of the message of a TypeError -> fix to suggest to the user."""
 
 
 class CodeFault(NamedTuple):
-    """Fault in a user's code. place: file and line, e.g. "boat.py:31: ", or "" if the error is not in a user's file.
+    """Fault in a user's code. place: file name and line number, e.g. "boat.py:31: ", or "" if the fault is elsewhere.
 
-    problem: description of the fault.  fix: code to write, or "" if unknown.  choices: names that are valid there.
+    problem: description of the fault.  fix: code to write, or "" if unknown.  choices: names that are valid in the
+    faulty line.
     """
 
     place: str
@@ -65,7 +70,7 @@ class CodeFault(NamedTuple):
 
 
 def describe_fault(error: BaseException) -> CodeFault:
-    """Return place, problem and fix of an exception, for the author of the line that raised it."""
+    """Return the description of an exception for the author of the source line that raised it."""
     if isinstance(error, SyntaxError):
         line = f"{Path(error.filename or '').name}:{error.lineno}:{error.offset}: "
         return CodeFault(line, f"{error.msg}: {(error.text or '').strip()!r}", "correct that line")
@@ -89,7 +94,10 @@ def describe_fault(error: BaseException) -> CodeFault:
 
 
 def place_of(code: Any) -> str:
-    """Return "boat.py:31: " for a function or class in a user's file, else ""."""
+    """Return the file name and line number of a function or class in a user's file, e.g. "boat.py:31: ".
+
+    Return "" for a function or class of an installed package.
+    """
     with suppress(TypeError, OSError):
         file = inspect.getsourcefile(code) or ""
         if not file.startswith(PACKAGE) and "site-packages" not in file:
@@ -98,7 +106,10 @@ def place_of(code: Any) -> str:
 
 
 def check_arguments(part: str, function: Callable[..., Any], wanted: str, *inputs: Any) -> None:
-    """Raise InputError for a method that cannot be called with these inputs. wanted: its arguments, e.g. "t, x, u"."""
+    """Raise InputError for a method that cannot be called with the given inputs.
+
+    wanted: names of the arguments that the method must have, e.g. "t, x, u".
+    """
     try:
         signature = inspect.signature(function)
     except ValueError:  # a function without a signature
@@ -107,12 +118,12 @@ def check_arguments(part: str, function: Callable[..., Any], wanted: str, *input
         signature.bind(*inputs)
     except TypeError:
         own = f"{function.__name__}({', '.join(signature.parameters)})"
-        problem = f"{place_of(function)}{own} must take ({wanted})"
+        problem = f"{place_of(function)}{own} must have the arguments ({wanted})"
         raise InputError(part, problem, fix=f"def {function.__name__}(self, {wanted}): …") from None
 
 
 def refuse_within(error: InputError) -> InputError:
-    """Return the InputError with the file and line of the user's code that caused it."""
+    """Return an InputError with file and line number of the user's code that raised it, if a user's code raised it."""
     frame, number = _frame_at_fault(error)
     is_placed = re.match(r"[\w.-]+\.py:\d+: ", error.problem) is not None
     if frame is None or is_placed or _is_own_package(frame.f_code.co_filename):
@@ -122,16 +133,16 @@ def refuse_within(error: InputError) -> InputError:
 
 
 def refuse_own_code(part: str, error: Exception) -> InputError:
-    """Return the InputError for a user's code that doesn't run."""
+    """Return an InputError that describes an exception raised by a user's code. part: part that contains the code."""
     fault = describe_fault(error)
     fix = fault.fix or "correct that line"
     return InputError(part, f"{fault.place}{fault.problem}", choices=fault.choices, fix=fix)
 
 
 def _describe_attribute(place: str, error: AttributeError) -> CodeFault:
-    """Return the fault for an attribute that a record lacks.
+    """Return the description of an access to an attribute that a record does not have.
 
-    The fix names a field of this name deeper in the record, or else a field with a similar name.
+    The suggested fix is a field with this name deeper in the record, or else a field with a similar name.
     """
     fields = tuple(declarations(error.obj))
     below = [path for path, _, _ in leaves(error.obj) if path.endswith(f".{error.name}")]
@@ -141,7 +152,7 @@ def _describe_attribute(place: str, error: AttributeError) -> CodeFault:
 
 
 def _find_name(name: str, frame: FrameType | None) -> str:
-    """Return the fix for an unknown name: the line that imports the name, or the most similar known name."""
+    """Return the fix for an undefined name: the line that imports the name, or the most similar defined name."""
     if name in trimtab.HOMES:
         return f"write  from trimtab import {name}  at the top of the file"
     if name in IMPORTS:
@@ -151,7 +162,7 @@ def _find_name(name: str, frame: FrameType | None) -> str:
 
 
 def _describe_arguments(text: str, frame: FrameType | None) -> str:
-    """Return the fix for a TypeError: wrong arguments of a record's constructor, or a case of REMEDIES; else ""."""
+    """Return the fix for a TypeError with the message `text`, or "" if no fix is known."""
     match = re.match(r"(\w+)\.__init__\(\) (?:got an unexpected keyword argument|missing .* arguments?:) (.*)", text)
     if match is None:
         known = (words for part, words in REMEDIES.items() if part in text)
@@ -159,15 +170,15 @@ def _describe_arguments(text: str, frame: FrameType | None) -> str:
     owner = {**frame.f_globals, **frame.f_locals}.get(match[1]) if frame else None
     names = re.findall(r"'(\w+)'", match[2])
     if "missing" in text or not dataclasses.is_dataclass(owner):
-        return f"give {match[1]} " + ", ".join(f"{name}=…" for name in names)
+        return f"call {match[1]} with " + ", ".join(f"{name}=…" for name in names)
     near = closest(names[0], declarations(owner), 1)
     return f"write {near[0]}=… instead" if near else f"leave {names[0]} out, or declare it in {match[1]}"
 
 
 def _frame_at_fault(error: BaseException) -> tuple[FrameType | None, int]:
-    """Return the innermost stack frame in a user's file, or else in the package, and its line number.
+    """Return the innermost stack frame in a user's file, or else in this package, and the frame's line number.
 
-    Return (None, 0) if there is no such frame.
+    Return (None, 0) if no such frame exists.
     """
     frames = [(f, line) for f, line in traceback.walk_tb(error.__traceback__) if f.f_code.co_filename[0] != "<"]
     frames = [(f, n) for f, n in frames if not {"site-packages", "importlib"} & set(Path(f.f_code.co_filename).parts)]
@@ -192,6 +203,6 @@ def _describe_conversion(frame: FrameType | None, number: int) -> tuple[str, str
     for name in re.findall(r"\b(\w+)\(", code):
         called = {**frame.f_globals, **frame.f_locals}.get(name) if frame else None
         if isinstance(called, np.ufunc) or getattr(called, "__module__", "") in ("math", "numpy"):
-            return f"Python's `{name}` on {TRACED}", f"use jnp.{name}, after  import jax.numpy as jnp"
+            return f"Python's `{name}` is applied to {TRACED}", f"use jnp.{name}, after  import jax.numpy as jnp"
     fix = "write jnp.where(c, a, b) for  a if c else b,  jnp.sin for math.sin,  x.astype(…) for float(x)"
     return f"a Python `if`, loop or function is applied to {TRACED}", fix

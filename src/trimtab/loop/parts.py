@@ -1,8 +1,8 @@
-"""Construction of parts from text, by the name of their class. Used by scenario files and settings.
+"""Construction of a scenario's parts from their names, as used in scenario files and settings.
 
-A name is that of a record class of the package, e.g. ``ForwardMomentum``, or of a commercial product, which is a class
-method without arguments, e.g. ``Imu.microstrain_3dm_gx1``. Other names are not accepted, and nothing is imported to
-look up a name.
+A valid name is the name of a record class of the package, e.g. ``ForwardMomentum``, or of a class method without
+arguments that describes a commercial product, e.g. ``Imu.microstrain_3dm_gx1``. No module is imported to look up a
+name.
 
 Source: docs page, Scenario files.
 """
@@ -26,18 +26,19 @@ from trimtab.core.suggestions import closest
 FOLDERS = ("core", "environment", "vehicles", "sensors", "links", "estimators", "laws", "actuators", "loop")
 DEFINITION = re.compile(r"^@record\nclass ([A-Z]\w*)", re.MULTILINE)
 NOTHING = "none"
-"""Name that leaves out a part or a sensor."""
+"""Value of a setting that removes a part or a sensor from the scenario."""
 UNSET = object()
 
 LeafParser = Callable[[str, str, Any, Any], Any]
-"""Function (path, text, old value, declaration) -> value of a quantity or option. UNSET: no old value."""
+"""Function (path, text, old value, declaration) that returns the value of a quantity or option. The old value is UNSET
+if the field has no value yet."""
 
 
 @functools.cache
 def part_modules() -> Mapping[str, str]:
-    """Return the module of each record class in the folders of parts, by class name.
+    """Return the name of a record class -> name of its module, for all classes in FOLDERS.
 
-    The files are read, not imported.
+    The modules are searched as text and not imported.
     """
     root = Path(__file__).parents[1]
     files = [file for folder in FOLDERS for file in sorted((root / folder).rglob("*.py"))]
@@ -59,7 +60,7 @@ def find_class(where: str, name: str) -> Any:
 
 
 def presets(kind: Any) -> dict[str, Callable[[], Any]]:
-    """Return, by name, the class methods that need no arguments and return a record of this class."""
+    """Return the class methods of a record class that need no arguments and return a record of this class, by name."""
     found = {}
     for name, method in inspect.getmembers(kind, inspect.ismethod):
         arguments = inspect.signature(method).parameters.values()
@@ -71,12 +72,12 @@ def presets(kind: Any) -> dict[str, Callable[[], Any]]:
 
 
 def is_name(text: str) -> bool:
-    """Return True if a text has the form of a part's name, e.g. Wire or Imu.microstrain; False for a number."""
+    """Return True if a text has the form of a part's name, e.g. Wire or Imu.microstrain."""
     return re.fullmatch(r"\s*[A-Za-z]\w*(\.\w+)?\s*", text) is not None
 
 
 def is_part(tree: Any, path: str) -> bool:
-    """Return True if a path leads to a part, or to a place where a part can be added.
+    """Return True if a path is that of a part, or of a field to which a part can be added.
 
     A part is a record or a container of records.
     """
@@ -94,12 +95,12 @@ def _child(tree: Any, name: str) -> Any:
 
 
 def with_part(tree: Any, path: str, settings: dict[str, str], parse: LeafParser) -> Any:
-    """Return a copy of a tree in which the part at a path is replaced by the part that the settings name.
+    """Return a copy of a tree of records in which the part at a path is replaced by the part named in `settings`.
 
-    An old part of the same class is kept. The path, and the settings of the new part's fields, are removed from the
-    settings.
+    An old part of the same class is kept. The setting of the path, and the settings of the new part's fields, are
+    removed from `settings`.
 
-    Raises: InputError for an unknown name, and for a field that has neither a default nor a setting.
+    Raises: InputError for an unknown name of a part, and for a field that has neither a default nor a setting.
     """
     text = settings.pop(path).strip()
     above, _, name = path.rpartition(".")
@@ -122,13 +123,16 @@ def _without_part(tree: Any, path: str, owner: Any, declared: Declaration | None
         raise InputError(
             argument_name("settings", path),
             "this part can't be left out",
-            fix=f"name another part: {argument('settings', type(_child(owner, name)).__name__, path)}",
+            fix=f"set another part: {argument('settings', type(_child(owner, name)).__name__, path)}",
         )
     return with_child(tree, path, default)
 
 
 def make_part(path: str, text: str, settings: dict[str, str], parse: LeafParser) -> Any:
-    """Return a part of the class that the text names. The settings of its fields are used, and removed."""
+    """Return a part of the class named in `text`.
+
+    The part's fields are set from `settings`, and the settings that were used are removed from the dictionary.
+    """
     where, (name, _, preset) = argument_name("settings", path), text.partition(".")
     kind = find_class(where, name)
     if preset:
@@ -161,7 +165,7 @@ def _default(kind: Any, field: str) -> Any:
 
 
 def _example(kind: Any, field: str) -> Any:
-    """Return an example value for a field without default if its type is int, bool, str or float, else UNSET."""
+    """Return an example value (zero, False or "") for a field of type int, bool, str or float, else UNSET."""
     hint = typing.get_type_hints(kind if isinstance(kind, type) else type(kind)).get(field)
     return hint() if hint in (int, bool, str, float) else UNSET
 

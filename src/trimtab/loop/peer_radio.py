@@ -1,4 +1,4 @@
-"""Radio between the craft of a swarm: one channel, shared in time slots, with delay and losses."""
+"""Radio between the craft of a swarm: one channel that the craft share in time slots, with delay and losses."""
 
 from typing import Any, ClassVar
 
@@ -16,50 +16,51 @@ from trimtab.loop.structure import strengthen_types
 
 @record
 class PeerRadioState:
-    """State of the swarm's radio: messages in transit and messages received.
+    """State of a swarm's radio: messages in transit and received messages.
 
     Frames:  those of the messages.
     Source:  docs page, Swarms.
     """
 
     key: Any = part("Random key of the message losses.")
-    in_transit: Any = part("Messages in transit, by slot; fields of shape (delay,).")
-    received: Any = part("Newest message of each sender at each receiver; fields of shape (receiver, sender).")
+    in_transit: Any = part("Ring buffer of the messages in transit, with fields of shape (delay,).")
+    received: Any = part("Newest message of each sender at each receiver, with fields of shape (receiver, sender).")
 
 
 @record
 class PeerRadio:
     """One radio channel for all n craft. In each time slot, one craft sends a message to all others.
 
-        slot k: craft k mod n sends its message;   each other craft receives it `delay` slots later, if it is not lost
+        In slot k, craft k mod n sends. Each other craft receives the message `delay` slots later, unless it is lost.
 
     A craft without a message leaves its slot empty. Losses are drawn independently for each receiver and slot. Each
-    craft sends once in n slots, i.e. less often if there are more craft. Each receiver stores the newest
-    message of each sender, which contains the time at which it was valid.
+    craft sends once in n slots, i.e. less often if there are more craft. Each receiver stores the newest message of
+    each sender. A message contains the time at which its content was valid.
 
     Frames: those of the messages. Not modelled: collisions (slots are assumed longer than the differences of the
     clocks), jitter, bursts of loss. Source: docs page, Swarms.
     """
 
     count: int = option("Number of craft.", default=3)
-    slot: int = period("Length of a slot.", default=ms(5))
+    slot: int = period("Length of a time slot.", default=ms(5))
     delay: int = option(
-        "Number of slots from sending to reception. 0: a message is received in the slot in which it is sent.",
+        "Delay from sending to reception, in slots. 0: a message is received in the slot in which it is sent.",
         default=4,
         off={"peer-delay": 0},
     )
     loss: Scalar = imperfection("1", "Probability that a receiver does not receive a message.", "peer-loss", high=1)
 
     def init(self, key: Key) -> PeerRadioState:
-        """Return the initial state, with no message received yet."""
+        """Return the initial state of the radio, with no message received."""
         silence = strengthen_types(PeerMessage())
         received = jax.tree.map(lambda v: jnp.full((self.count, self.count), v, v.dtype), silence)
         return PeerRadioState(key=key, in_transit=empty_slots(silence, self.delay), received=received)
 
     def step(self, t: Any, state: PeerRadioState, messages: PeerMessage) -> tuple[PeerRadioState, Peers]:
-        """Return the state, and all messages received by integer time t, which is the start of a slot.
+        """Return the radio's state, and the newest message of each sender at each receiver, at integer time t.
 
-        The fields have shape (receiver, sender).
+        t: start of a slot.  messages: present message of each craft. The fields of the result have shape (receiver,
+        sender).
         """
         number = t // self.slot
         sender = (number - self.delay) % self.count
@@ -88,7 +89,7 @@ def _peers(received: PeerMessage) -> Peers:
 
 @record
 class SwarmNavigation:
-    """Sensor of a swarm: navigation of each craft, and the messages that each craft has received. One sample per slot.
+    """Sensor of a swarm: navigation of each craft, and messages received by each craft. One sample per time slot.
 
     Frames: those of navigation and messages. Source: docs page, Swarms.
     """
@@ -102,7 +103,7 @@ class SwarmNavigation:
         return self.radio.slot
 
     def init(self, key: Key) -> tuple[Any, PeerRadioState]:
-        """Return the initial state, with nothing measured or received yet."""
+        """Return the initial state, with no measurement and no received message."""
         return self.each.init(key.at("each")), self.radio.init(key.at("radio"))
 
     def step(self, t: Any, state: tuple[Any, Any], motion: SwarmMotion) -> tuple[tuple[Any, Any], Sample]:
@@ -124,7 +125,8 @@ class PerfectSwarmNavigation:
         return self.each.init(key)
 
     def step(self, t: Any, state: Any, motion: SwarmMotion) -> tuple[Any, Sample]:
-        """Return the state and the sample at integer time t. Every message has reached every craft."""
+        """Return the state and the sample at integer time t. Each craft receives all messages, without delay or
+        loss."""
         state, sample = self.each.step(t, state, motion.each)
         count = motion.message.north.shape[0]
         table = jax.tree.map(lambda v: jnp.broadcast_to(v, (count, count)), motion.message)
@@ -135,8 +137,8 @@ class PerfectSwarmNavigation:
 class ArenaReading:
     """Distances measured by a swarm's observer. Frames: W. Source: docs page, Swarms."""
 
-    spacing: Scalar = quantity("m", "Smallest distance between the centres of mass of two craft.")
-    formation_error: Scalar = quantity("m", "Largest distance of a craft from its desired position in the formation.")
+    spacing: Scalar = quantity("m", "Smallest distance between the centres of mass of any two craft.")
+    formation_error: Scalar = quantity("m", "Largest distance of any craft from its desired position in the formation.")
 
 
 @record
@@ -157,7 +159,7 @@ class Arena:
         return ()
 
     def measure(self, motion: SwarmMotion) -> ArenaReading:
-        """Return the distances that the observer measures in a motion of the swarm."""
+        """Return the distances that the observer measures for a given motion of the swarm."""
         north, east = motion.each.p_WB[:, 0], motion.each.p_WB[:, 1]
         apart = (north[:, None] - north) ** 2 + (east[:, None] - east) ** 2
         same = np.eye(len(north), dtype=bool)

@@ -1,4 +1,4 @@
-"""Pilot with scripted requests to the supervisor, for simulations."""
+"""Scripted requests of a pilot to the supervisor, for simulations."""
 
 from typing import Any
 
@@ -16,30 +16,37 @@ from trimtab.loop.supervisor import NO_REQUEST, REQUESTS, PilotRequest
 
 @record
 class PilotScript:
-    """Sensor of the pilot's requests, with one new sample at the time of each scripted request.
+    """Sensor that provides the pilot's requests to the supervisor, with one new sample for each scripted request.
 
-    Before the first request, no sample is valid. In a flight over a link, the ground station gives the samples instead.
+    Before the first request, no sample is valid. In a flight over a real link, the ground station provides the samples.
 
     Frames:  none.    Source:  docs page, Supervisor.
     """
 
     times: Any = quantity(
-        "100 ns", "Times of the requests, in rising order.", kind="time", default=np.zeros(0, np.int64)
+        "100 ns", "Times of the pilot's requests, in rising order.", kind="time", default=np.zeros(0, np.int64)
     )
     requests: Any = quantity(
-        "1", "Request at each time.", kind="mode", modes=REQUESTS, default=np.zeros(0, np.int32), low=0, high=5
+        "1",
+        "Request of the pilot at each of the times.",
+        kind="mode",
+        modes=REQUESTS,
+        default=np.zeros(0, np.int32),
+        low=0,
+        high=5,
     )
-    period: int = period("Time between samples.", default=ms(10))
+    period: int = period("Time between two samples of the pilot's requests.", default=ms(10))
 
     def check(self) -> None:
-        """Raise InputError if the times of the script don't rise, or if there is not one time for each request."""
+        """Raise InputError if the times don't rise by a period or more, or if times and requests differ in number."""
         times, requests = np.asarray(self.times), np.asarray(self.requests)
         if times.ndim != 1 or times.shape != requests.shape or (np.diff(times) < self.period).any():
             counts = f"{len(times)} and {len(requests)}"
             problem = (
-                f"times must rise by a period or more, one for each request; numbers of times and requests: {counts}"
+                f"there must be one time for each request, and times must rise by a period or more; "
+                f"got {counts} times and requests"
             )
-            fix = f"give one time per request, {self.period} units of 100 ns or more apart"
+            fix = f"write one time per request, with at least {self.period} units of 100 ns between two times"
             raise InputError("times", problem, fix=fix)
 
     def init(self, key: Key) -> tuple[()]:
@@ -47,13 +54,13 @@ class PilotScript:
         return ()
 
     def measure(self, motion: Motion) -> PilotRequest:
-        """Return an empty request, because requests don't depend on the motion."""
+        """Return the request "none", because the pilot's requests don't depend on the motion."""
         return PilotRequest(request=np.int32(NO_REQUEST))
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """Return the newest request at integer time t.
+        """Return the state and the newest request at integer time t.
 
-        The sample is marked as new once, at the first step after the request.
+        The sample is marked as fresh once, at the first step after the request.
         """
         request, at, asked = jnp.asarray(np.int32(NO_REQUEST)), jnp.asarray(np.int64(0)), jnp.asarray(False)
         for k in range(np.shape(self.times)[0]):
@@ -66,7 +73,7 @@ class PilotScript:
 
 
 def pilot_script(*requests: tuple[int, str]) -> PilotScript:
-    """Return a script made of (integer time, name of the request) pairs."""
+    """Return a script of pilot's requests, each given as a pair (integer time, name of the request)."""
     for _, name in requests:
         if name not in REQUESTS[1:]:
             raise InputError(
@@ -79,7 +86,10 @@ def pilot_script(*requests: tuple[int, str]) -> PilotScript:
 
 
 def add_pilot_sensor(scenario: Scenario) -> Scenario:
-    """Return the scenario with a sensor for the requests to its supervisor; unchanged without a supervisor."""
+    """Return the scenario with a sensor for the pilot's requests to the supervisor.
+
+    A scenario without a supervisor, or with such a sensor, is returned unchanged.
+    """
     supervisor, sensors = scenario.autopilot.supervisor, scenario.world.sensors
     if supervisor is None or supervisor.pilot in sensors:
         return scenario

@@ -1,6 +1,6 @@
-"""Predictor of the vehicle's state over the delay of both links. An optional part of the Autopilot.
+"""Predictor that compensates the delay of downlink and uplink. An optional part of the Autopilot.
 
-The predictor is computed between the estimator and the law.
+The predictor runs after the estimator and before the law: the law reads the predicted state instead of the estimate.
 
 Source: docs page, Predictor.
 """
@@ -40,8 +40,8 @@ from trimtab.loop.model_mismatch import vehicle_copies
 from trimtab.loop.structure import cast_like, strengthen_types, zeros_of
 
 TICK = ms(10)
-"""Period of the modelled actuators, used if it divides the time between commands. The brake time of 150 ms is a
-multiple of this period."""
+"""Period of the actuator model in a predictor, if it divides the time between two commands. The default brake time of
+150 ms is a multiple of this period."""
 
 
 @record
@@ -49,39 +49,45 @@ class Prediction:
     """Output of the predictor. Frames: those of the vehicle's state. Source: docs page, Predictor."""
 
     state: Any = part(
-        "Predicted state of the vehicle when the present command acts. Fields that are not estimated have no meaning."
+        "Predicted state of the vehicle at the time when the present command acts. Fields that the estimate lacks have "
+        "no meaning."
     )
     valid: Scalar = quantity("1", "True if the estimate used for the prediction was valid.", kind="flag")
     horizon: Scalar = quantity(
         "s", "Time span of the prediction, from the measurement to the time when the command acts."
     )
     limited: Scalar = quantity(
-        "1", "True if the prediction was cut off because the command acts later than the longest horizon.", kind="flag"
+        "1",
+        "True if the prediction ends before the command acts, because its time span is limited to the maximum horizon.",
+        kind="flag",
     )
-    innovation: Any = part("Newest measured state minus the state predicted for its time. 0 without a prediction.")
+    innovation: Any = part(
+        "Newest measured state minus the state predicted for the time of the measurement. 0 if no prediction exists."
+    )
     resets: Scalar = quantity(
         "1",
-        "Number of restarts after a gap longer than the horizon, or after a measurement older than the last one.",
+        "Number of restarts of the predictor, after a gap between measurements longer than the horizon, or after a "
+        "measurement older than the previous one.",
         kind="count",
     )
 
 
 @record
 class SentInputs:
-    """Ring buffer of the vehicle inputs caused by commands, with a slot for each tick of the actuators.
+    """Ring buffer of the vehicle inputs that result from past commands, with one slot per period of the actuator model.
 
     Source:  docs page, Predictor.
     """
 
-    start: Scalar = quantity("100 ns", "Time at which the input starts to act; NEVER in an empty slot.", kind="time")
+    start: Scalar = quantity("100 ns", "Time at which the input starts to act, or NEVER in an empty slot.", kind="time")
     u: Any = part("Input of the vehicle.")
 
 
 @record
 class PastPredictions:
-    """Ring buffer of recent predicted states, with a slot for each command. Source: docs page, Predictor."""
+    """Ring buffer of recent predicted states, with one slot per sent command. Source: docs page, Predictor."""
 
-    t: Scalar = quantity("100 ns", "Time for which the state was predicted; NEVER in an empty slot.", kind="time")
+    t: Scalar = quantity("100 ns", "Time for which the state was predicted, or NEVER in an empty slot.", kind="time")
     state: Any = part("Predicted state.")
 
 
@@ -89,57 +95,64 @@ class PastPredictions:
 class PredictorState:
     """State of the predictor. Source: docs page, Predictor."""
 
-    inputs: SentInputs = part("Vehicle inputs caused by the commands sent so far.")
+    inputs: SentInputs = part("Vehicle inputs that result from the sent commands.")
     past: PastPredictions = part("Past predictions.")
-    actuators: Any = part("State of the modelled actuators at the time when the last sent command acts.")
+    actuators: Any = part("State of the actuator model at the time when the last sent command acts.")
     measured: Scalar = quantity("100 ns", "Time of the newest measurement.", kind="time")
     prediction: Prediction = part("Last prediction.")
 
 
 @record
 class Predictor:
-    """Predictor of the state from the time of its measurement to the time when the present command acts.
+    """Predictor of the vehicle's state at the time when the present command will act.
 
-        x(t - age), the estimate, is integrated with the vehicle's inputs to x(latch(t + uplink_delay))
+        The estimate, x(t - age), is integrated with the vehicle's inputs to the state x(latch(t + uplink_delay)).
 
-    latch(t) is the time of the actuators' next frame, or t if the actuators have no frames. The inputs are computed by
-    modelled actuators, with stops, tables and brake, from all commands sent so far. The prediction starts from each new
-    measurement, so an error of the model grows over one horizon only. A command is sent every `period`. In between,
-    prediction and demand do not change.
+    latch(t) is the time of the actuators' next frame, or t if the actuators have no frames. A model of the actuators,
+    with stops, tables and brake, computes the inputs from all sent commands. Each prediction starts from the newest
+    measurement, so that model errors do not accumulate beyond one horizon. A command is sent every `period`. Between
+    two commands, prediction and demand do not change.
 
-    Known:   age of the measurement, from the time stamp of each sample; mean delay of commands, `uplink_delay`.
-    Not modelled: jitter of the uplink and lost commands. Commands are assumed to arrive on time.
-    Source:  O. J. M. Smith, "Closer control of loops with dead time", Chem. Eng. Prog. 53 (1957); A. Z. Manitius,
+    Known quantities: age of the measurement (from the sample's time stamp), and mean delay of commands
+    (`uplink_delay`). Not modelled: jitter of the uplink, and lost commands. Commands are assumed to arrive after the
+    mean delay. Source:  O. J. M. Smith, "Closer control of loops with dead time", Chem. Eng. Prog. 53 (1957); A. Z.
+    Manitius,
              A. W. Olbrot, "Finite spectrum assignment problem for systems with delays", IEEE TAC 24 (1979), for the
              prediction from a measured state over the inputs in transit.
     """
 
     craft: Any = part("Vehicle model used by the predictor.")
     actuators: Any = part(
-        "Model of the actuators. Its period is the tick, the time between two changes of the vehicle's input."
+        "Model of the actuators. Its period is the time between two changes of the vehicle's input in the prediction."
     )
-    start: Any = part("Default state of the vehicle. Its values are used for the fields that the estimate lacks.")
+    start: Any = part("State of the vehicle whose values are used for those fields that the estimate lacks.")
     uplink_delay: Scalar = quantity(
         "s", "Delay from sending a command to its arrival at the actuators.", low=0, off={"uplink-delay": 0.0}
     )
     horizon: int = period(
-        "Longest time span of a prediction; a longer delay is compensated only in part.", default=ms(500)
+        "Maximum time span of a prediction. A longer delay is compensated only in part.", default=ms(500)
     )
-    period: int = period("Time between two sent commands.", default=ms(20))
+    period: int = period("Time between two commands sent to the vehicle.", default=ms(20))
 
     def check(self) -> None:
-        """Raise InputError if the period is not a multiple of the actuators' period and frame, or the horizon is too
-        short."""
+        """Raise InputError for an invalid period or horizon.
+
+        The predictor's period must be a multiple of the actuators' period and frame. The horizon must not be shorter
+        than the period.
+        """
         tick, frame = self.actuators.period, optional_member(self.actuators, "frame")
         if self.period % tick:
-            problem = f"{format_time(tick)} does not divide the predictor's period, {format_time(self.period)}"
+            problem = (
+                f"the predictor's period, {format_time(self.period)}, must be a multiple of the actuators' period, "
+                f"{format_time(tick)}"
+            )
             raise InputError(
                 "actuators.period",
                 problem,
-                fix="make the predictor's period a multiple, e.g. 20 ms for actuators with a period of 10 ms",
+                fix="set e.g. the predictor's period to 20 ms and the period of its actuators to 10 ms",
             )
         if self.horizon < self.period:
-            problem = f"must be at least as long as the time between commands, got {format_time(self.horizon)}"
+            problem = f"must be at least as long as the predictor's period, got {format_time(self.horizon)}"
             raise InputError(
                 "horizon", problem, fix=f"set the horizon to {format_time(self.period)} or more, e.g. 500 ms"
             )
@@ -152,7 +165,7 @@ class Predictor:
     def init(self, key: Key, estimate: Estimate) -> PredictorState:
         """Return the initial state. estimate: example of an estimate.
 
-        Raise InputError if the estimate lacks a field that a prediction needs.
+        Raise InputError if the estimate lacks a field of the state that is needed for a prediction.
         """
         self._check_estimate(estimate)
         state = strengthen_types(self.start)
@@ -181,7 +194,7 @@ class Predictor:
         )
 
     def predict(self, t: Any, state: PredictorState, estimate: Estimate) -> tuple[PredictorState, Estimate]:
-        """Return the predictor's state and the estimate that the law reads at time t (100 ns)."""
+        """Return the predictor's state, and the predicted estimate that the law reads at time t (100 ns)."""
         # The condition depends on the time only, so a batch of runs has a real branch here instead of a select.
         state = lax.cond(
             t % self.period == 0, lambda: cast_like(self._predict(t, state, estimate), state), lambda: state
@@ -191,13 +204,16 @@ class Predictor:
         return state, replace(estimate, state=replace(estimate.state, **fields), valid=estimate.valid & made.valid)
 
     def note(self, t: Any, state: PredictorState, command: Command) -> PredictorState:
-        """Return the state with the effect of the command issued at integer time t added, if this command is sent."""
+        """Return the predictor's state after the command issued at integer time t.
+
+        If the command is sent at this time, the vehicle inputs that result from it are stored.
+        """
         return lax.cond(t % self.period == 0, lambda: cast_like(self._note(t, state, command), state), lambda: state)
 
     def _acting_time(self, t: Any) -> Any:
         """Return the time at which a command issued at integer time t starts to act.
 
-        This is the time of arrival, or the next frame of the actuators if they have frames.
+        This is the command's time of arrival or, if the actuators have frames, the start of the next frame.
         """
         arrival = t + jnp.round(self.uplink_delay * UNITS_PER_SECOND).astype(np.int64)
         frame = optional_member(self.actuators, "frame")
@@ -243,7 +259,10 @@ class Predictor:
         return replace(state, past=past, measured=jnp.where(estimate.valid, measured, NEVER), prediction=prediction)
 
     def _integrate(self, t: Any, inputs: SentInputs, x: Any, begin: Any, end: Any) -> Any:
-        """Return the state at time `end`, integrated from the state x at time `begin` with the stored inputs."""
+        """Return the vehicle's state at time `end`, integrated from the state x at time `begin`.
+
+        t: present time.  inputs: stored inputs of the vehicle. All times are in 100 ns.
+        """
         slots = inputs.start.shape[0]
         oldest = t // self.actuators.period % slots
 
@@ -256,7 +275,7 @@ class Predictor:
             x, u, since, now = carry
             slot = read_slot(inputs, (oldest + k) % slots)
             x, now = advance(x, u, now, slot.start)
-            later = slot.start > since  # False for an empty slot, and for a slot written one turn of the ring ago
+            later = slot.start > since  # False for an empty slot, or a slot written one turn of the ring ago
             return (x, tree_where(later, slot.u, u), jnp.where(later, slot.start, since), now), None
 
         u = strengthen_types(self.actuators.neutral().u)
@@ -265,7 +284,10 @@ class Predictor:
         return advance(x, u, now, end)[0]
 
     def _innovation(self, t: Any, state: PredictorState, measured: Any, when: Any, shared: tuple[str, ...]) -> Any:
-        """Return a measured state minus the state predicted earlier for the time of the measurement."""
+        """Return a measured state minus the state that was predicted for the time of the measurement.
+
+        when: time of the measurement.  shared: names of the measured fields.
+        """
         past = state.past
         later = jnp.sum(past.t > when)
         before = read_slot(past, (t // self.period - 1 - later) % past.t.shape[0])
@@ -279,26 +301,29 @@ class Predictor:
         return replace(measured, **missed)
 
     def _shared_fields(self, estimate: Estimate) -> tuple[str, ...]:
-        """Return the names of the fields that both the vehicle's state and the estimate have."""
+        """Return the names of the fields of the vehicle's state that the estimate also has."""
         given = declarations(estimate.state) if is_record(estimate.state) else ()
         return tuple(name for name in declarations(self.start) if name in given)
 
     def _check_estimate(self, estimate: Estimate) -> None:
-        """Raise InputError if the estimate lacks a field on which the derivatives of its other fields depend."""
+        """Raise InputError if the derivative of an estimated field depends on a field that the estimate lacks."""
         shared = self._shared_fields(estimate)
         needed = _needed_fields(self, shared)
         lacking = [name for name in needed if name not in shared]
         if lacking or not shared:
             own = type(self.craft).__name__
             lacks = ", ".join(lacking or declarations(self.start))
-            problem = f"the motion of {own} depends on {lacks}, which the estimate does not give"
+            problem = f"the motion of {own} depends on {lacks}, which the estimate does not contain"
             given = tuple(declarations(estimate.state)) if is_record(estimate.state) else ()
-            fix = f"use an estimator that gives {lacks}, or leave the predictor out"
+            fix = f"use an estimator that provides {lacks}, or leave the predictor out"
             raise InputError("autopilot.predictor", problem, choices=given, fix=fix)
 
 
 def _needed_fields(predictor: Predictor, wanted: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the fields of the vehicle's state that influence the wanted fields, found from the dynamics."""
+    """Return the names of the state's fields on which the motion of the fields `wanted` depends.
+
+    The dependence is determined from the program code of the vehicle's dynamics.
+    """
     names = tuple(declarations(predictor.start))
     state = strengthen_types(predictor.start)
     derivative = zeros_of(
@@ -361,5 +386,5 @@ def expected_latency(channel: Any) -> float:
     raise InputError(
         argument_name("settings", "predictor"),
         problem,
-        fix="leave the predictor out, or use an uplink with a known latency, e.g. MeasuredLatency",
+        fix="leave the predictor out, or use an uplink of class MeasuredLatency",
     )

@@ -1,10 +1,11 @@
-"""Parsing of references written as text, as after ``--reference``, and their use in a scenario.
+"""Reference paths written as text, as after ``--reference``: parsing, and use in a scenario.
 
-circle(radius=1.5, period=20 s)             fields of the record Circle, with or without a unit
-eight(length=5, width=150 cm)               fields of the record FigureEight, with or without a unit
-waypoints(0 0, 3 0, 3 3 0.3; speed=0.4)     north and east (m); a third number is the speed on the leg to it (m/s)
-places(0 s: 0 0, 2 s: 1 0, …)               north and east (m) at given times, all with or all without heading (rad)
-path.csv                                    table of timed positions: time [s], north [m], east [m], heading [deg]
+circle(radius=1.5, period=20 s)             parameters of the record Circle, with or without a unit
+eight(length=5, width=150 cm)               parameters of the record FigureEight, with or without a unit
+waypoints(0 0, 3 0, 3 3 0.3; speed=0.4)     north and east (m) of each way-point. An optional third number is the speed
+                                            (m/s) on the leg that ends at this way-point.
+places(0 s: 0 0, 2 s: 1 0, …)               time, north and east (m) of each position, and optionally heading (rad)
+path.csv                                    CSV file with columns time [s], north [m], east [m], heading [deg]
 """
 
 import re
@@ -27,7 +28,7 @@ from trimtab.loop.scenario import Scenario
 
 PART = "reference"
 SPEED = 0.4
-"""Default speed between way-points (m/s)."""
+"""Default speed on the legs between way-points (m/s)."""
 FORMS = (
     "circle(radius=1.5, period=20 s)",
     "eight(length=5, width=1.5, period=30 s)",
@@ -47,9 +48,9 @@ _CALL = re.compile(r"\s*(?P<name>\w+)\s*(\((?P<inside>.*)\))?\s*", re.DOTALL)
 
 
 def parse_reference(text: str) -> Any:
-    """Return the reference that a text describes. If the text names a file, read the file.
+    """Return the reference path that a text describes. The text may also be the name of a CSV file.
 
-    Raises: InputError with the text to type instead.
+    Raises: InputError for an invalid text. The message says what to type instead.
     """
     if text.endswith(".csv"):
         return _read_path(text)
@@ -62,11 +63,14 @@ def parse_reference(text: str) -> Any:
         return parsers[name](match["inside"])
     near = closest(name, [*SHAPES, *parsers], 1)
     fix = next((argument(PART, form) for form in FORMS if near and form.startswith(near[0])), argument(PART, FORMS[0]))
-    raise InputError(argument_name(PART), f"{text!r} is not a reference", choices=FORMS, fix=fix)
+    raise InputError(argument_name(PART), f"{text!r} is not a reference path", choices=FORMS, fix=fix)
 
 
 def plain_text(text: str) -> str:
-    """Return the text of a reference. For a file, return its rows as text, so that a replay does not need the file."""
+    """Return the text of a reference path. The name of a file is replaced by the positions in the file, as text.
+
+    So a replay does not need the file.
+    """
     if not text.endswith(".csv"):
         return text
     table = read_measurements(text, COLUMNS, series=True)
@@ -76,9 +80,9 @@ def plain_text(text: str) -> str:
 
 
 def with_reference(scenario: Scenario, text: str) -> Scenario:
-    """Return the scenario with a law that follows a reference.
+    """Return the scenario with a new reference path for its law.
 
-    The vehicle starts at rest at the start of the path, with the nose along the path.
+    The vehicle starts at rest at the start of the path, with the nose in the direction of the path.
 
     Raises: InputError for a law that cannot follow a reference.
     """
@@ -96,7 +100,10 @@ def with_reference(scenario: Scenario, text: str) -> Scenario:
 
 
 def start_pose(path: Reference, arm: float) -> tuple[float, float, float]:
-    """Return north, east (m) and heading (rad) of a craft whose point `arm` (m) ahead is at the start of a path."""
+    """Return north (m), east (m) and heading (rad) of a craft at the start of a path, with the nose along the path.
+
+    The point of the craft that is at the start of the path lies `arm` (m) ahead of the centre of mass.
+    """
     first = np.asarray(path.at(0.0).place)
     for soon in (0.25, 0.5, 1.0, 2.0, 4.0, 8.0):
         way = np.asarray(path.at(soon).place) - first
@@ -108,7 +115,10 @@ def start_pose(path: Reference, arm: float) -> tuple[float, float, float]:
 
 
 def _parse_shape(shape: Any, inside: str) -> Any:
-    """Return the record of a shape whose fields are given as text, e.g. ``radius=1.5, period=20 s``."""
+    """Return the record of a path shape (Circle or FigureEight).
+
+    inside: text of the parameters, e.g. ``radius=1.5, period=20 s``.
+    """
     fields, declared = {}, declarations(shape)
     for item in filter(None, (piece.strip() for piece in inside.split(","))):
         name, equals, text = (word.strip() for word in item.partition("="))
@@ -156,8 +166,8 @@ def _parse_places(inside: str) -> PiecewisePath:
     if len({len(row) for row in rows}) > 1:
         raise InputError(
             argument_name(PART),
-            "only some positions have a heading",
-            fix="give each position a heading, or none of them",
+            "some positions have a heading and some have none",
+            fix="write a heading for each position, or for none",
         )
     places = np.array(rows)
     return interpolate_path(times, places[:, :2], places[:, 2] if places.shape[1] == 3 else None)

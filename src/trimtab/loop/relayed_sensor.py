@@ -1,4 +1,4 @@
-"""Sensor whose samples travel over a bus on the vehicle before they are sent to the ground."""
+"""Sensor whose samples are transmitted over a bus on board before they are sent to the ground."""
 
 from typing import Any, ClassVar
 
@@ -24,10 +24,10 @@ class RelayedSensorState:
 
 @record
 class RelayedSensor:
-    """Sensor whose samples travel over a bus on the vehicle to the microcontroller with the radio.
+    """Sensor whose samples are transmitted over a bus on board to the microcontroller with the radio.
 
-    A sample contains its time of measurement, so its age includes the delay of the bus. In a flight over a real link,
-    the link replaces the scenario's radio, but not this bus.
+    A sample contains the time of its measurement, so its age includes the delay of the bus. In a flight over a real
+    link, the link replaces the scenario's radio link, but the bus is still simulated.
 
     Frames:  the sensor's.    Source:  docs page, Slave bus.
     """
@@ -36,28 +36,29 @@ class RelayedSensor:
     bus: Any = part("Bus between sensor and radio: a channel whose period equals the sensor's.")
 
     LATE: ClassVar[bool] = True
-    """True, because samples arrive later than they are measured."""
+    """True for a sensor whose samples arrive later than they are measured."""
 
     @property
     def period(self) -> int:
-        """Return the period of the sensor and the bus."""
+        """Return the period of the sensor, which is also that of the bus."""
         return self.inner.period
 
     def check(self) -> None:
-        """Raise InputError if the sensor's input is not the motion, or the periods of bus and sensor differ."""
+        """Raise InputError if the sensor does not measure the motion, or if bus and sensor have different periods."""
         if optional_member(self.inner, "FEELS") != "motion":
             problem = (
-                f"{type(self.inner).__name__} measures {self.inner.FEELS!r}, but must measure the motion to use a bus"
+                f"{type(self.inner).__name__} measures {self.inner.FEELS!r}, but a bus needs a sensor of the 'motion'"
             )
             raise InputError("RelayedSensor.inner", problem, fix="use this sensor without a bus")
         if self.bus.period != self.inner.period:
             problem = (
-                f"period must equal the sensor's, {format_time(self.inner.period)}, got {format_time(self.bus.period)}"
+                f"period must equal the sensor's period, {format_time(self.inner.period)}, "
+                f"got {format_time(self.bus.period)}"
             )
             raise InputError("RelayedSensor.bus", problem, fix=f"set bus.period to {format_time(self.inner.period)}")
 
     def init(self, key: Key) -> RelayedSensorState:
-        """Return the initial state, with nothing measured and nothing on the bus."""
+        """Return the initial state, with no measurement and no sample on the bus."""
         inner = self.inner.init(key)
         sample = jax.eval_shape(lambda s: self.inner.step(np.int64(0), s, no_motion())[1], inner)
         return RelayedSensorState(inner=inner, bus=strengthen_types(self.bus.init(key.at("bus"), sample)))

@@ -1,4 +1,4 @@
-"""Scenario: a complete loop that can be run. All values are checked before a run."""
+"""Scenario: a complete control loop that can be simulated or flown. All values are checked before a run."""
 
 import textwrap
 from typing import TYPE_CHECKING, Any, Generic
@@ -34,8 +34,8 @@ from trimtab.vehicles.vehicle_type import mav_type
 
 LINKS = ("uplink", "downlink")
 LINE_WIDTH = 130
-"""Maximum number of characters in a line of a scenario's summary."""
-if TYPE_CHECKING:  # a default of a type's parameter: Python 3.13
+"""Maximum length of a text line in the printed summary of a scenario, in characters."""
+if TYPE_CHECKING:  # default of a type parameter, which needs Python 3.13
     from typing_extensions import TypeVar
 
     V = TypeVar("V", default=Any)
@@ -63,19 +63,23 @@ class Scenario(Generic[V]):
     duration: int = period("Duration of a run.", default=seconds(15))
     targets: Any = part("Target values of signals, used by the metrics.", default=())
     failsafe: Any = part(
-        "Failsafe of the vehicle, used in a real flight only. Empty: a default for this vehicle.", default=()
+        "Failsafe of the vehicle, used in a real flight only. Empty: the default failsafe for this vehicle.", default=()
     )
     limits: VehicleLimits = part("Limits that the vehicle checks on board in a real flight.", default=VehicleLimits())
     truth_sensor: Any = part(
-        "Sensor of the true state. The ideal twin uses this sensor instead of all sensors.", default=PlanarNavigation()
+        "Sensor of the true state. The ideal twin of the scenario uses this sensor instead of the scenario's sensors.",
+        default=PlanarNavigation(),
     )
     name: str = option("Name of the scenario in the catalogue.", default="scenario")
-    mismatch: Any = part("Paths of the autopilot's vehicle models that may differ from one another.", default=())
+    mismatch: Any = part("Paths of the vehicle models in the autopilot that may differ from each other.", default=())
     words: Any = part(
-        "Random key word of each group of noise draws. Empty: the run number is used for all groups.",
+        "Number that selects the random numbers of each group of noise sources. Empty: the run number is used for all "
+        "groups.",
         default=(),
     )
-    choices: Any = part("Arguments with which `scenarios.build` built the scenario, recorded in logs.", default=())
+    choices: Any = part(
+        "Arguments of `scenarios.build` from which the scenario was built. They are recorded in logs.", default=()
+    )
 
     def __repr__(self) -> str:
         rows = summarise_scenario(self)
@@ -92,11 +96,12 @@ class Scenario(Generic[V]):
         return html_table(f"{self.name}, {format_time(self.duration)}", (), summarise_scenario(self), NOTE)
 
     def ideal(self) -> "Scenario":
-        """Return the ideal twin: the law reads the true state, and its demand acts directly, without delay and limits.
+        """Return the ideal twin of the scenario, i.e. the scenario without imperfections.
 
-        If the demand and the vehicle's input are records of different classes, allocation and actuators are kept,
-        without imperfections. If the default truth sensor lacks fields that the law reads, but the vehicle's state has
-        these fields, the law reads the state. A pilot's stick and an observer are not changed.
+        The law reads the true state, and its demand acts directly on the vehicle, without delay and limits. If the
+        demand and the vehicle's input are records of different classes, allocation and actuators are kept, but without
+        imperfections. If the default truth sensor lacks fields that the law reads, but the vehicle's state has them,
+        the law reads the state. A pilot's stick and an observer are not changed.
         """
         neutral = self.world.actuators.neutral().u
         tick = self.autopilot.period
@@ -125,13 +130,16 @@ class Scenario(Generic[V]):
         return replace(self, world=world, autopilot=autopilot, choices=choices)
 
     def _without_its_own(self, one: Any) -> Any:
-        """Return a part without imperfections. Vehicle models in the part keep theirs, to match the true vehicle."""
+        """Return a part without its imperfections.
+
+        The imperfections of a vehicle model in the part are kept, because the true vehicle has them too.
+        """
         for name in find_imperfections(one).keys() - find_imperfections(self.world.vehicle).keys():
             one = without(one, name)
         return one
 
     def _demand_structure(self) -> Any:
-        """Return the structure (shapes and types) of the law's demand. No demand is computed."""
+        """Return the structure (shapes and data types) of the law's demand, without computing a demand."""
         key = Key(np.uint32(0), np.uint32(0))
         free = replace(self.autopilot, supervisor=None)
         _, state = jax.eval_shape(lambda: start(self.world, free, to_arrays(self.initial), key))
@@ -148,9 +156,9 @@ class Scenario(Generic[V]):
         return self.truth_sensor
 
     def imperfections(self) -> dict[str, list[str]]:
-        """Return the imperfections that can be switched off: name -> paths of the parts that have this imperfection.
+        """Return the imperfections that can be switched off: name -> paths of the parts with this imperfection.
 
-        The name of a link's imperfection starts with the name of the link, e.g. "uplink-delay".
+        The imperfection of a radio link has a name that starts with the link's name, e.g. "uplink-delay".
         """
         names: dict[str, list[str]] = {}
         for own, paths in find_imperfections(self).items():
@@ -163,7 +171,7 @@ class Scenario(Generic[V]):
         """Return the scenario with one imperfection switched off, e.g. ``without("navigation-error")``."""
         known = self.imperfections()
         if name not in known:
-            problem = f"there is no imperfection {name!r} to switch off"
+            problem = f"has no imperfection {name!r} that can be switched off"
             near = closest(name, known, 1) or [*known, "NAME"]
             raise InputError(f"scenario {self.name!r}", problem, choices=known, fix=argument("without", [near[0]]))
         link = known[name][0].removeprefix("world.").partition(".")[0]
@@ -178,9 +186,9 @@ class Scenario(Generic[V]):
         return replace(changed, world=replace(changed.world, **links))
 
     def check(self) -> None:
-        """Raise InputError for values with which the scenario cannot run.
+        """Raise InputError for an invalid value, with which the scenario cannot run.
 
-        `loop.walk.start` checks that the parts fit each other.
+        This method does not check that the parts fit each other. `loop.walk.start` checks that.
         """
         self._check_interfaces()
         mav_type(self.world.vehicle)
@@ -191,7 +199,7 @@ class Scenario(Generic[V]):
             check_part(path, lambda covers=covers: covers(to_seconds(self.duration)))
 
     def _check_interfaces(self) -> None:
-        """Raise InputError for parts that lack a method or field which the loop uses."""
+        """Raise InputError for a part that lacks a method or field that the loop needs."""
         world, autopilot = self.world, self.autopilot
         check_record("world.vehicle", world.vehicle)
         for name, sensor in world.sensors.items():
@@ -204,7 +212,10 @@ class Scenario(Generic[V]):
 
 
 def _other_spelling(scenario: Scenario, name: str) -> str:
-    """Return the fix for a member that a scenario lacks: a function or path with this name, or ""."""
+    """Return what to write instead of an attribute that a scenario does not have.
+
+    This is a function of the package or the path of a field with this name, or "" if nothing is found.
+    """
     calls = {
         "plot": "plot_run(simulate(scenario))",
         "replace": "replace(scenario, …)",
@@ -219,6 +230,6 @@ def _other_spelling(scenario: Scenario, name: str) -> str:
 
 
 def _have_one_structure(a: Any, b: Any) -> bool:
-    """Return True if two trees consist of records of equal classes, with numbers of equal shapes."""
+    """Return True if two trees of records have the same classes of records and the same shapes of numbers."""
     shapes = [[np.shape(v) for v in jax.tree.leaves(tree)] for tree in (a, b)]
     return jax.tree.structure(a) == jax.tree.structure(b) and shapes[0] == shapes[1]

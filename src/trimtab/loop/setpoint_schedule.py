@@ -1,9 +1,9 @@
-"""Schedules of set-points: numbers of a law that change during the flight, in steps or ramps.
+"""Set-point schedules: parameters of a law that change during the flight, in steps or ramps.
 
     autopilot.law.reference = steps(0 s: 0, 5 s: 2 rad/s)
 
-Any number of a law can be scheduled. The path of the number does not change. With steps, the number's own value holds
-until the first scheduled time.
+Any numeric parameter of a law can be scheduled. With steps, the parameter keeps its constant value until the first
+scheduled time.
 """
 
 import re
@@ -33,32 +33,35 @@ def _example() -> str:
 
 @record
 class SetpointSchedule:
-    """Schedule of one number of a law over the autopilot's time, which starts at 0 in a simulation.
+    """Schedule of one parameter of a law over the autopilot's time, which starts at 0 in a simulation.
 
-    steps: each value holds from its time on. Before the first time, the law's own value holds. ramps: the value is
-    linear between the times, equal to the first value before them, and to the last value after them.
+    steps: each scheduled value is used from its time on. Before the first time, the parameter keeps the law's constant
+    value. ramps: the value is interpolated linearly between the scheduled times. Before the first time, the first
+    scheduled value is used, and after the last time the last one.
 
     Source: docs page, References from the command line.
     """
 
-    path: str = option("Path of the scheduled parameter below the law, e.g. reference.", default="k1")
-    kind: str = option("Kind of change between the values: steps or ramps.", default="steps", choices=KINDS)
+    path: str = option("Path of the scheduled parameter, relative to the law, e.g. reference.", default="k1")
+    kind: str = option("Change from one scheduled value to the next: steps or ramps.", default="steps", choices=KINDS)
     times: Any = quantity("s", "Times of the scheduled values, in rising order.", default=np.zeros(1))
     values: Any = quantity(
         "as declared", "Values of the scheduled parameter at the times, in its unit.", default=np.zeros(1)
     )
 
     def check(self) -> None:
-        """Raise InputError unless the times rise and each time has a value."""
+        """Raise InputError unless the scheduled times rise and each time has a value."""
         times, values = np.asarray(self.times), np.asarray(self.values)
         if times.ndim != 1 or times.shape != values.shape or not len(times) or not (np.diff(times) > 0).all():
-            problem = f"times must rise, and each needs one value; got {np.size(times)} times, {np.size(values)} values"
+            problem = (
+                f"times must rise, and each time needs one value; got {np.size(times)} times, {np.size(values)} values"
+            )
             raise InputError(
-                f"schedule of {self.path}", problem, fix="give one value for each time, and the times in rising order"
+                f"schedule of {self.path}", problem, fix="write one value for each time, and the times in rising order"
             )
 
     def at(self, seconds: Any, before: Any) -> Any:
-        """Return the scheduled value at a time (s). before: value of `steps` before the first time."""
+        """Return the scheduled value at a time (s). before: value before the first scheduled time, for `steps`."""
         times, values = jnp.asarray(self.times), jnp.asarray(self.values)
         if self.kind == "ramps":
             return jnp.interp(seconds, times, values)
@@ -69,7 +72,7 @@ class SetpointSchedule:
 
 
 def schedule_law(law: L, schedules: Iterable[SetpointSchedule], t: Any) -> L:
-    """Return the law with each scheduled number set to its value at integer time t."""
+    """Return the law with each scheduled parameter set to its value at integer time t."""
     seconds = to_seconds(t)
     for one in schedules:
         law = with_leaf(law, one.path, lambda old, _, one=one: one.at(seconds, old))
@@ -77,15 +80,18 @@ def schedule_law(law: L, schedules: Iterable[SetpointSchedule], t: Any) -> L:
 
 
 def split_schedules(settings: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the settings that are constant, and the settings that are schedules."""
+    """Return two dictionaries: the settings with a constant value, and the settings with a schedule."""
     schedules = {path: text for path, text in settings.items() if SCHEDULE.fullmatch(text)}
     return {path: text for path, text in settings.items() if path not in schedules}, schedules
 
 
 def with_schedules(scenario: Any, texts: Mapping[str, str]) -> Any:
-    """Return the scenario with schedules for set-points of its law.
+    """Return the scenario with schedules for parameters of its law.
 
-    Raises: InputError for a path that is not a number of the law, an invalid schedule, or a value out of range.
+    texts: path of the parameter -> schedule as text.
+
+    Raises: InputError for a path that is not a numeric parameter of the law, an invalid schedule, or a value out of
+        range.
     """
     if not texts:
         return scenario
@@ -117,7 +123,7 @@ def _parse_schedule(law: Any, path: str, text: str) -> SetpointSchedule:
 
 
 def _parse_entry(part: str, entry: str, declared: Quantity) -> tuple[float, float]:
-    """Return the time (s) and the value of an entry, e.g. ``5 s: 2 rad/s``."""
+    """Return the time (s) and the value of an entry of a schedule, e.g. ``5 s: 2 rad/s``."""
     when, colon, what = entry.partition(":")
     if not colon or not what.strip():
         raise InputError(part, f"{entry.strip()!r} is not TIME: VALUE", fix=_example())

@@ -1,4 +1,4 @@
-"""Application of settings, ``path=value``, to a scenario. The paths are those of the log and the docs."""
+"""Application of settings, ``path=value``, to a scenario. The log and the docs use the same paths."""
 
 import json
 import sys
@@ -22,15 +22,15 @@ T = TypeVar("T")
 def with_settings(tree: T, settings: Mapping[str, Any]) -> T:
     """Return a copy of the scenario with every setting applied.
 
-    Raise InputError for an unknown path, with the names of similar paths, or for an invalid value.
+    Raise InputError for an unknown path or an invalid value. For an unknown path, the message names similar paths.
 
     >>> from trimtab import build, with_settings
     >>> with_settings(build("hovercraft/spin"), {"world.vehicle.mass": "3000 g"}).world.vehicle.mass
     3.0
 
-    A number may have a unit, ``3 kg``. The path of a part is set to the name of a class, ``world.uplink=Wire``:
-    settings below this path then apply to the new part (`loop.parts`). A path into an optional part, e.g. the
-    hovercraft's friction, adds this part.
+    A number may have a unit, e.g. ``3 kg``. To replace a part, set the path of the part to the name of a class, e.g.
+    ``world.uplink=Wire`` (see `loop.parts`). Settings of the part's fields then apply to the new part. A setting of an
+    optional part, e.g. of the hovercraft's friction, adds this part to the scenario.
     """
     tree, rest = with_parts(tree, texts_of(settings))
     for path, text in rest.items():
@@ -44,7 +44,7 @@ def with_settings(tree: T, settings: Mapping[str, Any]) -> T:
 
 
 def texts_of(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return settings as text: numbers and lists of numbers in the form used after ``--set``."""
+    """Return the settings with all values as text. Numbers and lists of numbers have the form used after ``--set``."""
     return {
         path: value if isinstance(value, str) else json.dumps(np.asarray(value).tolist(), default=str)
         for path, value in settings.items()
@@ -52,13 +52,13 @@ def texts_of(settings: Mapping[str, Any]) -> dict[str, str]:
 
 
 def setting_paths(tree: Any) -> list[str]:
-    """Return every path that can be set, including paths in optional parts."""
+    """Return the paths of all settings, including the settings of optional parts."""
     absent = [f"{where}.{p}" for where, declared in absent_parts(tree) for p, _, _ in leaves(declared.optional)]
     return [p for p, _, _ in leaves(tree)] + absent
 
 
 def with_parts(tree: T, settings: Mapping[str, str]) -> tuple[T, dict[str, str]]:
-    """Return a copy of the scenario with all parts that the settings name, and the remaining settings."""
+    """Return a copy of the scenario with each part replaced that a setting names, and the remaining settings."""
     rest = dict(settings)
     for path in sorted(settings, key=lambda p: p.count(".")):
         if path in rest and is_name(rest[path]) and is_part(tree, path):
@@ -67,7 +67,10 @@ def with_parts(tree: T, settings: Mapping[str, str]) -> tuple[T, dict[str, str]]
 
 
 def parse_value(path: str, text: str, old: Any, declared: Quantity | Option) -> Any:
-    """Return the value that a setting's text describes. old: present value, or UNSET if there is only a declaration."""
+    """Return the value that a setting's text describes.
+
+    old: present value, or UNSET if the field has no value yet.  declared: declaration of the field.
+    """
     if isinstance(declared, Option):
         return _parse_option(path, text, old, declared)
     shape = declared.shape if old is UNSET else np.shape(old)
@@ -86,11 +89,15 @@ def parse_value(path: str, text: str, old: Any, declared: Quantity | Option) -> 
 
 
 def _parse_one_number(path: str, at: tuple[int, ...], text: str, old: Any, declared: Quantity | Option) -> Any:
-    """Return the array with the number at one index replaced by the value in the text."""
+    """Return an array in which one element is replaced by the value of a setting. at: index of the element."""
     array = np.array(old, np.float64) if isinstance(declared, Quantity) else np.zeros(())
     if not array.ndim or not has_index(array.shape, at):
         whole, _ = split_index(path)
-        problem = f"has shape {np.shape(old)}" if isinstance(declared, Quantity) else "is not an array of numbers"
+        problem = (
+            f"the array has shape {np.shape(old)}, so it has no element with this index"
+            if isinstance(declared, Quantity)
+            else "is not an array of numbers"
+        )
         fix = argument("settings", text, first_number(whole, array.shape))
         raise InputError(argument_name("settings", path), problem, fix=fix)
     array[at] = parse_value(path, text, float(array[at]), declared)
@@ -102,7 +109,7 @@ def _example_list(path: str, old: Any, shape: tuple[int, ...]) -> str:
 
 
 def _parse_numbers(path: str, text: str, declared: Quantity) -> Any:
-    """Return the number or the list of numbers in a text. A unit may follow each number, or the whole list."""
+    """Return the number or the list of numbers in a text. A unit may follow each number or the complete list."""
     body, bracket, unit = text.rpartition("]")
     try:
         value = json.loads(body + bracket if bracket else text)
@@ -134,14 +141,14 @@ def _convert_units(path: str, value: Any, unit: str, declared: Quantity) -> Any:
 
 
 def _check_number(path: str, value: Any, declared: Quantity) -> None:
-    """Raise InputError for a number outside the range of 64-bit floats, and for true or false instead of a number."""
+    """Raise InputError for a number outside the range of 64-bit floats, or for true or false instead of a number."""
     problem = ""
     if isinstance(value, bool) and declared.kind != "flag":
         problem = f"must be a number, got {str(value).lower()}"
     elif isinstance(value, int | float) and 0 < abs(value) < sys.float_info.min:
-        problem = f"{value:g} is smaller than any normal number"
+        problem = f"the magnitude of {value:g} is smaller than any normal number of 64 bits"
     elif isinstance(value, int) and abs(value) > sys.float_info.max:
-        problem = f"is larger than {sys.float_info.max:.3g}, the largest number"
+        problem = f"the magnitude is larger than {sys.float_info.max:.3g}, the largest number of 64 bits"
     if problem:
         unit = "" if declared.unit == "1" else f", in {declared.unit}"
         raise InputError(argument_name("settings", path), problem, fix=argument("settings", "NUMBER", path) + unit)

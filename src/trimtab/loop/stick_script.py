@@ -1,4 +1,4 @@
-"""Pilot with scripted stick movements, for simulations."""
+"""Scripted stick movements of a pilot, for simulations."""
 
 from typing import Any
 
@@ -17,17 +17,18 @@ from trimtab.loop.scenario import Scenario
 
 @record
 class StickScript:
-    """Sensor of the pilot's stick. Each scripted position holds from its time on. Without scripted positions, no sample
-    is valid.
+    """Sensor of the pilot's stick, with scripted stick positions.
 
-    The stick is sampled once per `period`, as in a flight with a pilot. The age of a sample is its delay from the stick
-    to the autopilot. In a flight with a pilot, the ground station with the stick gives the samples instead.
+    Each scripted position is held until the time of the next one. Before the first scripted position, no sample is
+    valid. The stick is sampled once per `period`, as in a flight with a pilot. The age of a sample is its delay from
+    the stick to the autopilot. In a flight with a pilot, the ground station with the stick provides the samples
+    instead.
 
     Frames:  none.    Source:  docs page, Piloted.
     """
 
     times: Any = quantity(
-        "100 ns", "Times of the stick positions, in rising order.", kind="time", default=np.zeros(0, np.int64)
+        "100 ns", "Times of the scripted stick positions, in rising order.", kind="time", default=np.zeros(0, np.int64)
     )
     forward: Any = quantity("1", "Forward deflection of the stick.", default=np.zeros(0), low=-1, high=1)
     turn: Any = quantity(
@@ -45,15 +46,18 @@ class StickScript:
     period: int = period("Time between samples of the stick.", default=ms(20))
 
     def check(self) -> None:
-        """Raise InputError unless the times rise and each time has a position and a mode of the stick."""
+        """Raise InputError unless the times rise and each time has a forward and a sideways deflection and a mode."""
         shapes = [np.shape(a) for a in (self.times, self.forward, self.turn, self.mode)]
         if len(set(shapes)) > 1 or len(shapes[0]) != 1 or not (np.diff(np.asarray(self.times, np.int64)) > 0).all():
             counts = ", ".join(f"{np.size(a)}" for a in (self.times, self.forward, self.turn, self.mode))
-            problem = f"times must rise, each with one forward, turn and mode; numbers of times, …, modes: {counts}"
+            problem = (
+                "times must rise, and each time needs one forward, one turn and one mode; "
+                f"numbers of times, forward, turn and mode: {counts}"
+            )
             raise InputError(
                 "times",
                 problem,
-                fix="give one forward, one turn and one mode for each time, and the times in rising order",
+                fix="write one forward, one turn and one mode for each time, and the times in rising order",
             )
 
     def init(self, key: Key) -> tuple[()]:
@@ -61,11 +65,14 @@ class StickScript:
         return ()
 
     def measure(self, motion: Motion) -> Stick:
-        """Return a centred stick, because the stick doesn't depend on the motion."""
+        """Return a centred stick, because the stick's position doesn't depend on the motion."""
         return Stick(forward=np.float64(0.0), turn=np.float64(0.0), mode=np.int32(0))
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """Return the position of the stick at integer time t. The sample is valid from the first entry on."""
+        """Return the state and the stick's position at integer time t.
+
+        The sample is valid from the time of the first scripted position on.
+        """
         forward, turn, mode, held = (jnp.asarray(v) for v in (0.0, 0.0, np.int32(0), False))
         for k in range(np.shape(self.times)[0]):
             due = t >= self.times[k]
@@ -76,7 +83,7 @@ class StickScript:
 
 
 def stick_script(*entries: tuple[int, float, float, str]) -> StickScript:
-    """Return a script made of (integer time, forward, turn, name of the mode) entries."""
+    """Return a script of stick positions, each given as a tuple (integer time, forward, turn, name of the mode)."""
     for _, _, _, name in entries:
         if name not in STICK_MODES:
             raise InputError(
@@ -92,7 +99,10 @@ def stick_script(*entries: tuple[int, float, float, str]) -> StickScript:
 
 
 def add_stick_sensor(scenario: Scenario) -> Scenario:
-    """Return the scenario with a sensor for the stick that its law reads. Other scenarios are returned unchanged."""
+    """Return the scenario with a sensor for the stick that the law reads.
+
+    A scenario whose law reads no stick, or that has this sensor, is returned unchanged.
+    """
     name, sensors = optional_member(scenario.autopilot.law, "stick"), scenario.world.sensors
     if not name or name in sensors:
         return scenario
@@ -100,9 +110,9 @@ def add_stick_sensor(scenario: Scenario) -> Scenario:
 
 
 def empty_sticks(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the sticks without a script.
+    """Return the names of the sticks without scripted positions.
 
-    A pilot moves these sticks at the autopilot's end of the link.
+    In a flight, a pilot moves these sticks at the ground station.
     """
     found = []
     for name, sensor in scenario.world.sensors.items():

@@ -1,6 +1,6 @@
-"""Determination of the shapes of data that parts exchange, without running the parts.
+"""Check that the parts of a loop fit each other, from the shapes of the data that they exchange. No part is run.
 
-Errors name the two parts that do not fit each other.
+Error messages name the two parts that do not fit each other.
 """
 
 import functools
@@ -22,9 +22,11 @@ ARGUMENTS = {"step": "t, state, input", "dynamics": "t, x, u", "motion": "t, x, 
 
 
 def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) -> Any:
-    """Return the structure of a function's output, with every number zero. The function is not run.
+    """Return the structure of a function's output, with every number zero. The function is traced, but not run.
 
-    Raises: InputError naming the part, its input and the faulty line if they don't fit.
+    part: path of the part to which the function belongs.  reads: path of the part that provides its input.
+
+    Raises: InputError, with both parts and the faulty line, if the function cannot process these inputs.
     """
     own = getattr(function, "__name__", "")
     if own in ARGUMENTS:
@@ -39,8 +41,10 @@ def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) 
             raise refuse_own_code(part, error) from error
         fault = describe_fault(error)
         name = type(inputs[-1]).__name__ if inputs else "nothing"
-        problem = f"does not fit {reads}, which gives {name}: {fault.place}{fault.problem}"
-        other = f"give {part} an input with the fields that its step() reads, or use another part that reads {name}"
+        problem = f"does not fit {reads}, which provides {name}: {fault.place}{fault.problem}"
+        other = (
+            f"connect {part} to an input with the fields that its step() reads, or use another part that reads {name}"
+        )
         fix = fault.fix or (f"read one of these, or add the missing field to {name}" if place_of(function) else other)
         raise InputError(part, problem, choices=fault.choices, fix=fix) from error
     return jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shape)
@@ -71,7 +75,7 @@ def _share_trace(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def zeros_of_step(part: str, reads: str, step: Callable[..., Any], *inputs: Any) -> tuple[Any, Any]:
-    """Return state and output of a step, with every number zero.
+    """Return the structures of the state and the output that a step() returns, with every number zero.
 
     Raise InputError if the step does not return such a pair.
     """
@@ -84,7 +88,7 @@ def zeros_of_step(part: str, reads: str, step: Callable[..., Any], *inputs: Any)
 
 
 def first_state(part: str, init: Callable[..., Any], key: Any) -> Any:
-    """Return the initial state of a part. Raise InputError with the faulty line if its init() fails."""
+    """Return the initial state of a part. Raise InputError, with the faulty line, if the part's init() fails."""
     check_arguments(part, init, "key", key)
     try:
         return init(key)
@@ -95,9 +99,9 @@ def first_state(part: str, init: Callable[..., Any], key: Any) -> Any:
 
 
 def check_state(part: str, step: Callable[..., Any], after: Any, first: Any) -> None:
-    """Raise InputError if the states from step() and init() have different structures.
+    """Raise InputError if the states that step() and init() return have different structures.
 
-    A float in the state from step() where init() gives an integer is an error too.
+    A float in the state from step() in place of an integer in the state from init() is also an error.
     """
     what = f"{place_of(step)}the state that step() returns"
     check_alike(
@@ -105,17 +109,20 @@ def check_state(part: str, step: Callable[..., Any], after: Any, first: Any) -> 
         what,
         after,
         first,
-        "return (state, output), with a state of the same structure as from init()",
+        "return (state, output) from step(), with a state of the same structure as from init()",
     )
     for own, wanted in zip(jax.tree.leaves(after), jax.tree.leaves(first), strict=True):
         kinds = [jnp.issubdtype(jnp.result_type(v), jnp.inexact) for v in (own, wanted)]
         if kinds == [True, False]:
-            problem = f"{what} has a float where init() has an integer"
+            problem = f"{what} has a float in place of an integer in the state that init() returns"
             raise InputError(part, problem, fix="write 0.0 instead of 0 in init()")
 
 
 def check_members(part: str, value: Any, interface: Any, optional: Iterable[str] = ()) -> None:
-    """Raise InputError, with the code to write, for a part that lacks a method or a field of its interface."""
+    """Raise InputError, with the code to write, if a part lacks a method or a field of its interface.
+
+    optional: names of members that the part may lack.
+    """
     check_record(part, value)
     for name in (*vars(interface), *interface.__annotations__):
         if name.startswith("_") or name in optional or hasattr(value, name):
@@ -131,7 +138,7 @@ def check_members(part: str, value: Any, interface: Any, optional: Iterable[str]
 
 
 def check_record(part: str, value: Any) -> None:
-    """Raise InputError for a class given instead of a part, and for a user's class without ``@record``."""
+    """Raise InputError for a class instead of an instance, and for a user's class without the decorator ``@record``."""
     kind = value if isinstance(value, type) else type(value)
     if isinstance(value, type):
         raise InputError(part, f"{kind.__name__} is a class, not a part", fix=f"{kind.__name__}(), with brackets")
@@ -143,7 +150,10 @@ def check_record(part: str, value: Any) -> None:
 
 
 def check_vehicle(vehicle: Any, x: Any, u: Any) -> Any:
-    """Return the vehicle's motion with every number zero. Raise InputError for an invalid vehicle or derivative."""
+    """Return the structure of the vehicle's motion, with every number zero.
+
+    Raise InputError if dynamics() or motion() is missing or returns a wrong structure.
+    """
     for name in ("dynamics", "motion"):
         if not callable(getattr(vehicle, name, None)):
             problem = f"{place_of(type(vehicle))}{type(vehicle).__name__} has no {name}(t, x, u)"
@@ -182,7 +192,7 @@ def _fits(shape: tuple[int, ...], whole: tuple[int, ...]) -> bool:
 
 
 def describe_tree(tree: Any) -> str:
-    """Return a description of a tree for messages: the class of its record, or how many numbers it contains."""
+    """Return a description of a value for messages: the class of a record, or the number of numbers in the value."""
     if is_record(tree):
         return f"a {type(tree).__name__} as declared"
     if isinstance(tree, Mapping):
@@ -193,19 +203,19 @@ def describe_tree(tree: Any) -> str:
 
 
 def zeros_like(tree: Any) -> Any:
-    """Return a tree of zero NumPy arrays with the shapes and types of a tree of shapes or numbers."""
+    """Return a copy of a tree of arrays, with all numbers zero. The leaves may also be descriptions of arrays."""
     return jax.tree.map(lambda v: np.zeros(np.shape(v), jnp.result_type(v)), tree)
 
 
 def step_if(due: Scalar, step: Callable[[], Any], hold: Callable[[], Any]) -> Any:
-    """Return step() if `due` is true, else hold(). If `due` is known before the run, this is a plain call."""
+    """Return step() if `due` is true, else hold(). If `due` is the Python value True, step() is called directly."""
     if due is True:
         return step()
     return jax.lax.cond(due, lambda: strengthen_types(step()), lambda: strengthen_types(hold()))
 
 
 def strengthen_types(tree: Any) -> Any:
-    """Return the tree with every number as an array of fixed type, as loops in JAX require."""
+    """Return the tree with every number as an array of fixed data type, as loops in JAX require."""
 
     def fix(leaf: Any) -> Any:
         return jax.lax.convert_element_type(leaf, np.dtype(jnp.result_type(leaf)))
@@ -214,7 +224,7 @@ def strengthen_types(tree: Any) -> Any:
 
 
 def cast_like(tree: Any, pattern: Any) -> Any:
-    """Return the tree with every number converted to the data type of the same number in `pattern`."""
+    """Return the tree with every number converted to the data type of the corresponding number in `pattern`."""
     return jax.tree.map(lambda a, b: jnp.asarray(a, jnp.result_type(b)), tree, pattern)
 
 

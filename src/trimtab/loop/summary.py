@@ -1,4 +1,4 @@
-"""Summary of a scenario in a few lines: the class of each part, with its first parameters."""
+"""Summary of a scenario in a few lines: the class and the first parameters of each part."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,12 +9,12 @@ from trimtab.core.quantity import Option, Quantity, children, is_record
 from trimtab.core.time import format_time
 
 FEW = 4
-"""Maximum number of parameters shown for a part."""
+"""Maximum number of parameters that the summary shows for each part."""
 NOTE = "every setting: trimtab.settings(scenario); change some: trimtab.with_settings(scenario, {path: value})"
 
 
 def summarise_scenario(scenario: Any) -> list[tuple[str, str]]:
-    """Return the name and a one-line description of each part."""
+    """Return the name and a one-line description of each part of a scenario."""
     world, autopilot = scenario.world, scenario.autopilot
     rows = [("vehicle", describe_part(world.vehicle))]
     rows += [(f"sensor {name}", describe_part(sensor)) for name, sensor in world.sensors.items()]
@@ -29,7 +29,10 @@ def summarise_scenario(scenario: Any) -> list[tuple[str, str]]:
 
 
 def describe_part(part: Any, *, skips_zero: bool = False) -> str:
-    """Return a part in one line: its class, and its first parameters. skips_zero: skip parameters that are zero."""
+    """Return a one-line description of a part: its class and its first parameters.
+
+    skips_zero: True to leave out parameters that are zero.
+    """
     if not is_record(part):
         return "none" if part is None else type(part).__name__
     numbers = [(name, value, declared) for name, value, declared in children(part)]

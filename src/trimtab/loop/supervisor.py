@@ -1,4 +1,4 @@
-"""Supervisor, which decides whether the law's command or another command is sent. An optional part of the Autopilot.
+"""Supervisor, which decides whether the law's command or a neutral command is sent. An optional part of the Autopilot.
 
 Source: docs page, Supervisor.
 """
@@ -61,10 +61,10 @@ class PilotRequest:
 class SupervisorInput:
     """Input of the supervisor. Frames: the estimate's. Source: docs page, Supervisor."""
 
-    estimate: Estimate = part("Estimate of this instant.")
+    estimate: Estimate = part("Output of the estimator at this instant.")
     arrived: Scalar = quantity("1", "True if a new sample of any sensor has arrived over the link.", kind="flag")
     finite: Scalar = quantity("1", "True if all numbers of the law's command are finite.", kind="flag")
-    pilot: Any = part("Newest sample of the pilot's requests; None without a pilot.", default=None)
+    pilot: Any = part("Newest sample of the pilot's requests, or None without a pilot.", default=None)
 
 
 @record
@@ -76,7 +76,9 @@ class SupervisorState:
     since: Scalar = quantity("100 ns", "Time at which the mode was entered.", kind="time")
     back: Scalar = quantity("1", "Mode to return to when the link or the estimate recovers.", kind="mode", modes=MODES)
     sample_arrival: Scalar = quantity("100 ns", "Time at which the last sample arrived over the link.", kind="time")
-    refused: Scalar = quantity("1", "Check that refused the last request.", kind="mode", modes=CHECKS)
+    refused: Scalar = quantity(
+        "1", "Check that caused the refusal of the last refused request.", kind="mode", modes=CHECKS
+    )
     refusals: Scalar = quantity("1", "Number of refused requests.", kind="count")
     transitions: Scalar = quantity("1", "Number of mode changes.", kind="count")
 
@@ -88,11 +90,13 @@ class SupervisorOutput:
     mode: Scalar = quantity("1", "Mode of the supervisor.", kind="mode", modes=MODES)
     cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
     transitions: Scalar = quantity("1", "Number of mode changes.", kind="count")
-    refused: Scalar = quantity("1", "Check that refused the last request.", kind="mode", modes=CHECKS)
+    refused: Scalar = quantity(
+        "1", "Check that caused the refusal of the last refused request.", kind="mode", modes=CHECKS
+    )
     refusals: Scalar = quantity("1", "Number of refused requests.", kind="count")
     check: Scalar = quantity(
         "1",
-        "Check that would refuse a request to arm at this instant, or passed.",
+        "Check that would refuse a request to arm at this instant. passed: no check would refuse the request.",
         kind="mode",
         modes=CHECKS,
     )
@@ -104,22 +108,28 @@ class SupervisorOutput:
 
 @record
 class Limit:
-    """Limit of the supervisor: bounds on a number of the estimate, or on the length of a vector.
+    """Limit that the supervisor checks: bounds on a number of the estimated state, or on the length of a vector.
 
-        low <= x <= high    of one field;    low <= sqrt(x^2 + y^2 + …) <= high    of several
+        low <= x <= high    for one field;    low <= sqrt(x^2 + y^2 + …) <= high    for several fields
 
-    NaN counts as outside.
+    NaN counts as outside the bounds.
 
     Frames:  the estimate's.    Source:  docs page, Supervisor.
     """
 
-    fields: tuple[str, ...] = option("Fields of the estimated state, e.g. ('north',) or ('north', 'east').")
-    low: Scalar = quantity("1", "Smallest accepted value, or vector length, in the unit of the fields.", default=-1e9)
-    high: Scalar = quantity("1", "Largest accepted value, or vector length, in the unit of the fields.", default=1e9)
+    fields: tuple[str, ...] = option(
+        "Fields of the estimated state to which the limit applies, e.g. ('north',) or ('north', 'east')."
+    )
+    low: Scalar = quantity(
+        "1", "Smallest accepted value of the field, or length of the vector, in the unit of the fields.", default=-1e9
+    )
+    high: Scalar = quantity(
+        "1", "Largest accepted value of the field, or length of the vector, in the unit of the fields.", default=1e9
+    )
     kind: str = option("Kind of limit: envelope or geofence.", default="geofence", choices=("geofence", "envelope"))
 
     def check(self) -> None:
-        """Raise InputError for missing fields, and for bounds in the wrong order."""
+        """Raise InputError if no field is named, or if `low` is not below `high`."""
         if not self.fields:
             raise InputError(
                 "fields", "must name at least one field of the estimate", fix="write e.g. fields=('north', 'east')"
@@ -137,16 +147,17 @@ class Limit:
 
 @record
 class Supervisor:
-    """Supervisor between law and link. It sends the law's command, the neutral command, or an invalid command.
+    """Supervisor between law and radio link. It sends the law's command, the neutral command, or an invalid command.
 
         standby  --arm request, if all checks pass-->  flying  <--hold, resume requests-->  hold (neutral command)
-        flying, hold  --link lost or estimate too old-->  lost (law's command, then neutral command, then ended)
+        flying, hold  --link lost or estimate too old-->  lost (first law's, then neutral command, then mode ended)
         flying, hold, lost  --limit exceeded-->  fault
         flying  --estimate not valid, sensor health, or command not finite-->  fault
         flying, hold, lost  --end request-->  ended
         fault, ended  --clear request-->  standby
 
-    In fault and ended, no valid command is sent. The docs page has the complete table of transitions.
+    In the modes standby, fault and ended, no valid command is sent. The docs page has the complete table of
+    transitions.
 
     Frames:  the estimate's.
     Not modelled: the battery.
@@ -155,43 +166,46 @@ class Supervisor:
 
     neutral: Any = part("Neutral command.")
     limits: tuple[Limit, ...] = part("Geofence and speed envelope.", default=())
-    stale_age: Scalar = quantity("s", "Maximum age of an estimate.", default=0.4, above=0)
+    stale_age: Scalar = quantity("s", "Maximum age of the estimate in flight.", default=0.4, above=0)
     link_timeout: int = period(
-        "Longest accepted time without a new sample of any sensor; then the link counts as lost.", default=ms(200)
+        "Time without a new sample of any sensor after which the link counts as lost.", default=ms(200)
     )
     link_continue: int = period(
-        "Time after the loss of the link for which the law's command is still sent.", default=ms(300), low=0
+        "Time for which the law's command is still sent after the link is lost.", default=ms(300), low=0
     )
-    link_end: int = period("Time after the loss of the link at which the flight ends.", default=seconds(5))
+    link_end: int = period("Time from the loss of the link to the end of the flight.", default=seconds(5))
     stale_continue: int = period(
-        "Time after the estimate becomes too old for which the law's command is still sent.", default=ms(300), low=0
+        "Time for which the law's command is still sent after the estimate becomes too old.", default=ms(300), low=0
     )
-    stale_end: int = period("Time after the estimate becomes too old at which the flight ends.", default=seconds(5))
+    stale_end: int = period(
+        "Time from the moment at which the estimate becomes too old to the end of the flight.", default=seconds(5)
+    )
     healthy: tuple[str, ...] = option(
         "Paths of flags and counters in the estimated state that must be zero for a flight.", default=()
     )
-    pilot: str = option("Name of the sensor that gives the pilot's requests.", default="pilot")
+    pilot: str = option("Name of the sensor that provides the pilot's requests.", default="pilot")
     automatic: bool = option(
         "True: the supervisor arms by itself as soon as all checks pass.", default=False, choices=(True, False)
     )
 
     def check(self) -> None:
-        """Raise InputError unless each end time is later than the time for which the law's command is still sent."""
+        """Raise InputError unless link_end exceeds link_continue and stale_end exceeds stale_continue."""
         for what in ("link", "stale"):
             goes_on, end = getattr(self, f"{what}_continue"), getattr(self, f"{what}_end")
             if end <= goes_on:
                 problem = f"{format_time(end)} must be later than {what}_continue, {format_time(goes_on)}"
                 raise InputError(
-                    f"{what}_end", problem, fix="give a later time, so that the neutral command is sent in between"
+                    f"{what}_end", problem, fix="set a later time, so that the neutral command is sent in between"
                 )
 
     def fit_neutral(self, estimate: Estimate, value: Any, frame: Frame) -> Any:
-        """Return the neutral command in the allocation's data types.
+        """Return the neutral command, with the data types of the allocation's command.
 
-        Raise InputError if the autopilot's estimate, allocation or frame does not fit this supervisor.
+        value: command of the allocation. Raise InputError if the autopilot's estimate, command or samples lack what
+        this supervisor reads.
         """
         if self.pilot not in frame.samples and not self.automatic:
-            problem = f"the supervisor can never be armed, because the frame has no sample {self.pilot!r}"
+            problem = f"the supervisor can never be armed, because the world has no sensor {self.pilot!r} for requests"
             fix = f'add sensors={{"{self.pilot}": PilotScript(…)}} to the world, or set automatic=True'
             raise InputError("autopilot.supervisor.pilot", problem, choices=tuple(frame.samples), fix=fix)
         known = [path for path, _, _ in leaves(estimate.state)]
@@ -201,8 +215,10 @@ class Supervisor:
                 problem = f"the estimate has no {path!r}"
                 raise InputError("autopilot.supervisor", problem, choices=known, fix=f"write {near[0]!r}")
         if jax.tree.structure(self.neutral) != jax.tree.structure(value):
-            problem = f"neutral is a {type(self.neutral).__name__}, but the allocation gives a {type(value).__name__}"
-            raise InputError("autopilot.supervisor", problem, fix=f"give neutral={type(value).__name__}(…)")
+            problem = (
+                f"neutral is a {type(self.neutral).__name__}, but the allocation's command is a {type(value).__name__}"
+            )
+            raise InputError("autopilot.supervisor", problem, fix=f"set neutral={type(value).__name__}(…)")
         return jax.tree.map(lambda n, v: jnp.asarray(n, jnp.result_type(v)), self.neutral, value)
 
     def init(self) -> SupervisorState:
@@ -220,7 +236,7 @@ class Supervisor:
         )
 
     def step(self, t: Any, s: SupervisorState, input: SupervisorInput) -> tuple[SupervisorState, SupervisorOutput]:
-        """Return the new state, and the output that acts from integer time t on."""
+        """Return the supervisor's new state, and its output, which acts from integer time t on."""
         sample_arrival = jnp.where(input.arrived, t, s.sample_arrival)
         silent = t - sample_arrival >= self.link_timeout
         stale = ~(input.estimate.age <= self.stale_age)
@@ -257,7 +273,10 @@ class Supervisor:
         sick: Any,
         check: Any,
     ) -> tuple[Any, Any]:
-        """Return mode and cause after this instant. If several rows of the table apply, the last of them counts."""
+        """Return the mode after this instant, and the cause of the last change of mode.
+
+        If several transitions in `rows` are possible, the last one in the list is used.
+        """
         valid = jnp.asarray(input.estimate.valid)
         standby, flying, hold, lost = (s.mode == m for m in (STANDBY, FLYING, HOLD, LOST))
         under_way = flying | hold | lost
@@ -302,7 +321,7 @@ class Supervisor:
         )
 
     def _first_failing_check(self, estimate: Estimate, silent: Any, stale: Any, sick: Any) -> Any:
-        """Return the number, in CHECKS, of the first check that fails, or 0 if all checks pass."""
+        """Return the index, in CHECKS, of the first check that fails, or 0 ("passed") if all checks pass."""
         outside = self._is_breached("envelope", estimate.state) | self._is_breached("geofence", estimate.state)
         failed = (~jnp.asarray(estimate.valid), stale, silent, outside, sick)
         first = jnp.asarray(0)

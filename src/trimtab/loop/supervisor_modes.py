@@ -1,6 +1,7 @@
-"""Names and numbers of the supervisor's modes, requests, causes and checks, and the requests possible in each mode.
+"""Supervisor's modes, requests, causes of mode changes and checks, as names and numbers.
 
-This module needs no JAX, so that programs that only show a flight start fast.
+The module also defines which requests are possible in each mode. It does not import JAX, so that programs that only
+show a flight start fast.
 
 Source: docs page, Supervisor; the modes are defined by trimtab.
 """
@@ -30,15 +31,16 @@ CAUSES = (
 (START, ARMED, AUTOMATIC, HELD, RESUMED, ENDED_BY, CLEARED, NOT_FINITE, FENCE, SPEED, NO_ESTIMATE, HEALTH) = range(12)
 LINK, STALE, FOUND, TOO_LONG = range(12, len(CAUSES))
 CHECKS = ("passed", "estimate not valid", "estimate stale", "link silent", "outside limits", "sensor health", "mode")
-"""Checks that can refuse a request to arm or to resume. "mode" means that the request is not possible in this mode."""
+"""Results of the checks before a request to arm or to resume. A result other than "passed" is the reason for a refusal.
+"mode": the request is not possible in the present mode."""
 
 
 def explain_requests(mode: int, check: int) -> dict[str, str]:
-    """Return, for each request, the reason for which it would have no effect in a mode, or "" if it is possible.
+    """Return, for each request, the reason why the supervisor would refuse or ignore the request, or "" if possible.
 
     Args:
-        mode: mode of the supervisor.
-        check: number, in CHECKS, of the check that would refuse a request to arm.
+        mode: present mode of the supervisor, as an index in MODES.
+        check: index, in CHECKS, of the check that would refuse a request to arm, or 0 if all checks pass.
     """
     objection = CHECKS[check] if check else ""
     name, under_way = MODES[mode], mode in (FLYING, HOLD, LOST)
@@ -48,5 +50,5 @@ def explain_requests(mode: int, check: int) -> dict[str, str]:
         "hold": "" if mode in (FLYING, LOST) else f"the mode is {name}, not flying",
         "resume": objection if mode == HOLD else f"the mode is {name}, not hold",
         "end": "" if under_way else f"the mode is {name}, not in flight",
-        "clear": "" if mode in (FAULT, ENDED) else f"nothing to clear in mode {name}",
+        "clear": "" if mode in (FAULT, ENDED) else f"mode {name} has no fault or end to clear",
     }

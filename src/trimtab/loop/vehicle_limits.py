@@ -1,4 +1,6 @@
-"""Limits that a vehicle checks on board: a fence, and an envelope of speed, rate and angle. Criteria for being at rest.
+"""Limits that a vehicle checks on board: a fence, and an envelope of speed, turn rate and angle of attack.
+
+The module also contains the criteria for a vehicle at rest.
 
 Source: docs page, Arming.
 """
@@ -7,20 +9,20 @@ from trimtab.core.record import Scalar, period, quantity, record
 from trimtab.core.time import ms, seconds
 
 NO_LIMIT = 1e9
-"""Value at or above which a limit is switched off. A limit that is switched off needs no sensor."""
+"""Threshold from which on a limit counts as switched off. A limit that is switched off needs no sensor."""
 
 
 @record
 class VehicleLimits:
-    """Limits on the vehicle's measurements, all off by default. If a limit is exceeded, the failsafe acts.
+    """Limits on the vehicle's measured motion, all switched off by default. If a limit is exceeded, the failsafe acts.
 
-    Frames:  W for the distance, B for the other limits.
-    Not modelled: a fence with corners; limits of roll and pitch.
+    Frames:  W (world) for the distance, B (body) for the other limits.
+    Not modelled: a polygonal fence; limits on roll and pitch angles.
     Source:  docs page, Arming; the default values are our choice.
     """
 
     distance: Scalar = quantity(
-        "m", "Fence: maximum distance from the origin, in the plane.", default=NO_LIMIT, above=0
+        "m", "Fence: maximum horizontal distance from the origin of the world frame.", default=NO_LIMIT, above=0
     )
     speed: Scalar = quantity("m/s", "Envelope: maximum speed.", default=NO_LIMIT, above=0)
     rate: Scalar = quantity("rad/s", "Envelope: maximum rate of turn.", default=NO_LIMIT, above=0)

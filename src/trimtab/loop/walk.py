@@ -1,7 +1,7 @@
-"""Simulation of the closed loop over all instants of a run, as one pure function of records.
+"""Simulation of the closed loop over all instants of a run, as one pure function.
 
-The order at one instant is that of the loop: true state, sensors, downlink, autopilot, uplink, actuators. Then the true
-state is integrated to the next instant.
+At each instant, the blocks are computed in the order of the loop: sensors, downlink, autopilot, uplink, actuators. Then
+the true state is integrated to the next instant.
 """
 
 from typing import Any, NamedTuple
@@ -21,7 +21,7 @@ from trimtab.loop.world import World, WorldState
 
 @record
 class Signals:
-    """Signals that are logged at one instant. The path of a field is the path of the signal in the log.
+    """Signals that are logged at one instant. The path of a field in this record is the signal's path in the log.
 
     Source:  docs page, Log.
     """
@@ -29,25 +29,25 @@ class Signals:
     truth: Any = part("State of the vehicle.")
     sensors: Any = part("Last sample of each sensor.")
     downlink: Any = part("Newest sample of each sensor received by the autopilot, with its age.")
-    estimate: Any = part("Estimate.")
+    estimate: Any = part("Output of the estimator.")
     law: Any = part("Output of the law.")
     command: Any = part("Command as issued by the autopilot.")
     uplink: Any = part("Newest command received by the actuators, with its age.")
     actuators: Any = part("Output of the actuators.")
-    supervisor: Any = part("Output of the supervisor; empty without a supervisor.", default=())
+    supervisor: Any = part("Output of the supervisor, or empty without a supervisor.", default=())
     world: Any = part(
-        "Diagnostics of the integrator since the last instant; empty for the default integrator.", default=()
+        "Diagnostics of the integrator since the last instant, or empty for the default integrator.", default=()
     )
-    predictor: Any = part("Output of the predictor; empty without a predictor.", default=())
-    monitor: Any = part("Output of the monitor for each formula; empty without a monitor.", default=())
-    gust: Any = part("Gust velocity at the vehicle due to turbulence; empty without turbulence.", default=())
+    predictor: Any = part("Output of the predictor, or empty without a predictor.", default=())
+    monitor: Any = part("Output of the monitor for each formula, or empty without a monitor.", default=())
+    gust: Any = part("Gust velocity at the vehicle due to turbulence, or empty without turbulence.", default=())
 
 
 class WalkResult(NamedTuple):
-    """Result of a walk.
+    """Result of a run.
 
-    rows: float64 (n, width), the logged signals, flattened. x: true state at the end. sensors: states of the sensors at
-    the end. integrated: report of the integration since the last instant.
+    rows: logged signals, float64 (n, width), one row per logged instant. x: true state at the end of the run. sensors:
+    states of the sensors at the end. integrated: report of the integration after the last instant.
     """
 
     rows: Any
@@ -59,7 +59,7 @@ class WalkResult(NamedTuple):
 def start(world: World, autopilot: Autopilot, x: Any, key: Key) -> tuple[WorldState, AutopilotState]:
     """Return the initial states of world and autopilot, before the first instant.
 
-    Raise InputError if parts don't fit each other.
+    x: initial state of the vehicle. Raise InputError if parts of world and autopilot don't fit each other.
     """
     key_world, key_autopilot = key.at("world"), key.at("autopilot")
     s = world.init(key_world, x)
@@ -70,7 +70,10 @@ def start(world: World, autopilot: Autopilot, x: Any, key: Key) -> tuple[WorldSt
 def instant(
     world: World, autopilot: Autopilot, clock: Instant, h: Any, s: WorldState, a: AutopilotState
 ) -> tuple[WorldState, AutopilotState, Signals]:
-    """Return the states of world and autopilot at the next instant, h later, and the signals of this instant."""
+    """Return the states of world and autopilot at the next instant, and the signals of this instant.
+
+    h: time to the next instant.
+    """
     s, frame = world.sense(clock, s)
     due = clock.due(autopilot.period)
     a = step_if(due, lambda: autopilot.step(clock.t, a, frame)[0], lambda: autopilot.hold(clock.t, a))
@@ -81,7 +84,10 @@ def instant(
 def drop_derived_outputs(
     world: World, autopilot: Autopilot, s: WorldState, a: AutopilotState, always: frozenset[int]
 ) -> tuple[WorldState, AutopilotState]:
-    """Return both states without outputs that are recomputed at every instant. This makes a run faster."""
+    """Return the states of world and autopilot without outputs that are recomputed at every instant.
+
+    A run is faster without these outputs. always: periods of the blocks that are computed at every instant.
+    """
     return world.drop_derived_outputs(s, always), autopilot.drop_derived_outputs(a, always)
 
 
@@ -114,16 +120,16 @@ def walk(
     always: frozenset[int],
     wanted: tuple[str, ...] = (),
 ) -> WalkResult:
-    """Run the loop over all instants and return the logged rows and the final states.
+    """Run the loop over all instants. Return the logged signals and the final states.
 
     Args:
         world, autopilot: world and autopilot of the loop.
         x: the vehicle's initial state.
-        key: seed and run.
-        instants: integer time of each instant (n,), time to the next instant (n,), and index of the log row that it
-            writes (n,). Instants that are not logged write to the unused row with index `rows`.
+        key: random key, made from the seed and the run number.
+        instants: three arrays (n,): integer time of each instant, time to the next instant, and index of the log row to
+            which the instant is written. Instants that are not logged are written to an unused row with index `rows`.
         rows: number of rows in the log.
-        always: periods of the blocks that are due at every instant.
+        always: periods of the blocks that are computed at every instant.
         wanted: paths of the signals to log, see `logged_signals`. Empty: all signals.
     """
     s, a = start(world, autopilot, x, key)
@@ -143,7 +149,10 @@ def walk(
 
 
 def logged_signals(seen: Signals, wanted: tuple[str, ...] = ()) -> list[tuple[str, Any, Quantity]]:
-    """Return path, value and declaration of each signal at or below the wanted paths, in the order of a row."""
+    """Return path, value and declaration of each signal to log, in the order of the columns of a log row.
+
+    wanted: paths of signals, or of records that contain signals. Empty: all signals.
+    """
     return [
         (path, value, declared)
         for path, value, declared in leaves(seen)
@@ -152,10 +161,10 @@ def logged_signals(seen: Signals, wanted: tuple[str, ...] = ()) -> list[tuple[st
 
 
 def pack_row(seen: Signals, wanted: tuple[str, ...]) -> Any:
-    """Return one row of the log, float64 (width,). Integers below 2**53 are exact.
+    """Return the signals of one instant as a log row, float64 (width,). Integers below 2**53 are exact.
 
-    The row is built with selects, because XLA's CPU backend needs more time to concatenate the scalars than for the
-    rest of the loop.
+    The row is built with jnp.where instead of a concatenation. XLA's CPU backend would need more time to concatenate
+    the scalars than for all other computations of the loop.
     """
     parts = [jnp.ravel(value).astype(np.float64) for _, value, _ in logged_signals(seen, wanted)]
     scalars = [part[i] for part in parts for i in range(part.shape[0])]

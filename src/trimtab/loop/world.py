@@ -1,4 +1,4 @@
-"""World: vehicle, sensors, downlink, uplink and actuators. The input is a Command, the output a Frame."""
+"""World: vehicle, sensors, downlink, uplink and actuators. Its input is a Command, its output a Frame of samples."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Generic
@@ -23,7 +23,7 @@ from trimtab.loop.structure import (
     zeros_of_step,
 )
 
-if TYPE_CHECKING:  # a default of a type's parameter: Python 3.13
+if TYPE_CHECKING:  # default of a type parameter, which needs Python 3.13
     from typing_extensions import TypeVar
 
     V = TypeVar("V", default=Any)
@@ -46,9 +46,9 @@ class WorldState:
     commanded: Any = part("Last command received over the uplink.")
     actuators: Any = part("State of the actuators.")
     actuated: Any = part("Last output of the actuators.")
-    u: Any = part("Input of the vehicle: the field u of the actuators' last output.")
+    u: Any = part("Input of the vehicle, i.e. the field u of the actuators' last output.")
     integrated: Any = part(
-        "Diagnostics of the integrator since the last instant; empty for the default integrator.", default=()
+        "Diagnostics of the integrator since the last instant, or empty for the default integrator.", default=()
     )
     turbulence: Any = part("State of the turbulence.", default=())
     gust: Any = part("Gust velocity at the vehicle due to turbulence.", default=())
@@ -62,21 +62,21 @@ class World(Generic[V]):
     >>> build("hovercraft/spin").world.vehicle.mass
     2.6
 
-    Source: docs page, Time, for the order of computation at one instant.
+    Source: docs page, Time, which describes the order of computation at one instant.
     """
 
     vehicle: V = part("Model of the true vehicle: dynamics and motion.")
-    sensors: Any = part("Sensors by name: a mapping, or (name, sensor) pairs.")
+    sensors: Any = part("Sensors: a mapping of names to sensors, or (name, sensor) pairs.")
     actuators: Any = part("Actuators, which turn commands into the vehicle's input.")
     downlink: Any = part("Channel from each sensor to the autopilot.")
     uplink: Any = part("Channel from the autopilot to the actuators.")
     max_step: int = period("Longest step of the integration.", default=ms(1))
     integration: Any = part(
-        "Integration of the true state. None: one Runge–Kutta step of order four per instant.",
+        "Integration method of the true state. None: one Runge–Kutta step of order four per instant.",
         default=None,
         optional=Integration(),
     )
-    turbulence: Any = part("Turbulence of the air. None: no turbulence.", default=None, optional=Turbulence())
+    turbulence: Any = part("Model of the air's turbulence. None: no turbulence.", default=None, optional=Turbulence())
 
     def __post_init__(self) -> None:
         if not isinstance(self.sensors, Mapping):
@@ -86,7 +86,7 @@ class World(Generic[V]):
         """Raise InputError if quaternions are to be integrated as rotations, but the vehicle names no quaternions."""
         named = optional_member(self.vehicle, "QUATERNIONS")
         if self.integration is not None and self.integration.attitude == "group" and not named:
-            problem = f"{type(self.vehicle).__name__} names no quaternion that can be integrated on the rotation group"
+            problem = f"{type(self.vehicle).__name__} names no quaternion in QUATERNIONS, as attitude 'group' requires"
             fix = argument("settings", "numbers", "world.integration.attitude")
             fix += ', or write  QUATERNIONS = ("NAME",)  in the vehicle'
             raise InputError("integration.attitude", problem, fix=fix)
@@ -97,9 +97,9 @@ class World(Generic[V]):
         return [p.period for p in (parts if self.turbulence is None else [*parts, self.turbulence])]
 
     def init(self, key: Key, x: Any) -> WorldState:
-        """Return the initial state of the world, before any sample is taken or received.
+        """Return the initial state of the world, in which no sample has been measured or received.
 
-        `connect` adds the uplink.
+        This state has no uplink yet: `connect` adds the uplink. x: initial state of the vehicle.
         """
         neutral = self.actuators.neutral()
         motion = check_vehicle(self.vehicle, x, neutral.u)
@@ -130,12 +130,15 @@ class World(Generic[V]):
         )
 
     def _method(self) -> Integration | None:
-        """Return the integration method. None: one Runge–Kutta step, the default for a vehicle without events."""
+        """Return the integration method, or None for a single Runge–Kutta step.
+
+        None is the default for a vehicle without events.
+        """
         has_events = optional_member(self.vehicle, "events") is not None
         return Integration() if self.integration is None and has_events else self.integration
 
     def _first_gust(self, key: Key) -> dict[str, Any]:
-        """Return the turbulence's initial state and gust. Raise InputError if the vehicle ignores gusts."""
+        """Return the initial state and gust of the turbulence. Raise InputError if the vehicle has no in_gust()."""
         if self.turbulence is None:
             return {}
         if optional_member(self.vehicle, "in_gust") is None:
@@ -145,12 +148,12 @@ class World(Generic[V]):
         return {"turbulence": self.turbulence.init(key.at("turbulence")), "gust": NO_GUST}
 
     def _vehicle_in(self, gust: Any) -> Any:
-        """Return the vehicle model in the present gust."""
+        """Return the vehicle's model, including the effect of the present gust."""
         vehicle: Any = self.vehicle
         return vehicle if self.turbulence is None else vehicle.in_gust(gust)
 
     def _meet_gust(self, clock: Instant, s: WorldState) -> WorldState:
-        """Return the state with the gust at the vehicle's position at this instant."""
+        """Return the world's state with the gust at the vehicle's position updated to this instant."""
         if self.turbulence is None:
             return s
 
@@ -163,7 +166,7 @@ class World(Generic[V]):
         return replace(s, turbulence=state, gust=gust)
 
     def connect(self, key: Key, s: WorldState, command: Command) -> WorldState:
-        """Return the world's state with an uplink. command: example of a command."""
+        """Return the world's state with the initial state of the uplink added. command: example of a command."""
         sample = as_sample(command, False)
         link = self.uplink.init(key.at("uplink"), sample)
         _, commanded = zeros_of_step("world.uplink", "the autopilot", self.uplink.step, 0, link, sample)
@@ -174,15 +177,16 @@ class World(Generic[V]):
         except InputError as error:
             if is_record(command.value) or not is_record(s.u):
                 raise
-            problem = f"the actuators take a record such as {wanted}, but the demand is {got}"
+            problem = f"the actuators need a command that is a record such as {wanted}, but the demand is {got}"
             raise InputError("autopilot.law", problem, fix=f"return demand={wanted}(…) from step()") from error
-        fix = "give the demand, or the allocation's command, the shape of the vehicle's input"
-        check_alike("world.actuators", "their output u for the vehicle", actuated.u, s.u, fix)
+        fix = "return a demand, or a command of the allocation, with the shape of the vehicle's input"
+        check_alike("world.actuators", "the actuators' output u for the vehicle", actuated.u, s.u, fix)
         actuated = cast_like(s.actuated, actuated)
         return replace(s, uplink=link, commanded=commanded, actuated=actuated, u=actuated.u)
 
     def sense(self, clock: Instant, s: WorldState) -> tuple[WorldState, Frame]:
-        """Return the state after the steps of sensors and downlink, and the frame that the autopilot has received."""
+        """Return the state after the steps of sensors and downlink, and the frame (samples) received by the
+        autopilot."""
         t = clock.t
         s = self._meet_gust(clock, s)
         vehicle = self._vehicle_in(s.gust)
@@ -207,7 +211,10 @@ class World(Generic[V]):
         return s, Frame(t=t, samples=received)
 
     def act(self, clock: Instant, s: WorldState, command: Command, fresh: Any) -> WorldState:
-        """Return the state after the steps of uplink and actuators. Their outputs act from this instant on."""
+        """Return the state after the steps of uplink and actuators. The actuators' output acts from this instant on.
+
+        fresh: True if the command is new.
+        """
         t = clock.t
         sent = hold_sample(t, as_sample(command, fresh), fresh=fresh)
         link, commanded = step_if(
@@ -223,7 +230,10 @@ class World(Generic[V]):
         return replace(s, uplink=link, commanded=commanded, actuators=state, actuated=actuated, u=actuated.u)
 
     def drop_derived_outputs(self, s: WorldState, always: frozenset[int]) -> WorldState:
-        """Return the state without outputs that are recomputed at every instant. This makes a run faster."""
+        """Return the state without outputs that are recomputed at every instant. A run is faster without them.
+
+        always: periods of the blocks that are computed at every instant.
+        """
         return replace(
             s,
             sampled={n: () if self.sensors[n].period in always else v for n, v in s.sampled.items()},
@@ -233,7 +243,10 @@ class World(Generic[V]):
         )
 
     def advance(self, t: Any, s: WorldState, h: Any) -> WorldState:
-        """Return the state after integration of the true state from integer time t to t + h, with constant input."""
+        """Return the world's state after integration of the true state from integer time t to t + h.
+
+        The vehicle's input is constant during this time.
+        """
         vehicle = self._vehicle_in(s.gust)
 
         def derivative(time: Any, x: Any) -> Any:
@@ -250,11 +263,11 @@ class World(Generic[V]):
 
 
 def _sensor_input(where: str, sensor: Any, motion: Callable[[], Any], x: Any, u: Any) -> Any:
-    """Return the input of a sensor: the motion, or the input that the sensor's class variable FEELS names."""
+    """Return the input of a sensor: the vehicle's motion, state or input, as the sensor's class variable FEELS says."""
     inputs = {"motion": motion, "state": lambda: x, "input": lambda: u}
     feels = optional_member(sensor, "FEELS")
     if feels not in inputs:
-        problem = f"{type(sensor).__name__} measures {feels!r}, which World does not provide"
+        problem = f"{type(sensor).__name__} has FEELS = {feels!r}, which is not a quantity that the world provides"
         raise InputError(where, problem, choices=inputs, fix='write FEELS = "motion", or leave it out')
     return inputs[feels]()
 

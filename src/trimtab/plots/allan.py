@@ -1,4 +1,4 @@
-"""Plot of Allan deviations with the fitted noise models."""
+"""Plot of Allan deviations, and of the noise models fitted to them."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -19,12 +19,12 @@ def plot_allan(
     path: PicturePath = None,
     title: str = "Allan deviation",
 ) -> "Figure":
-    """Draw each Allan deviation with its 95 % bars, the fitted model, and the model's non-zero parts.
+    """Draw each Allan deviation with 95 % error bars, the fitted noise model, and the model's non-zero components.
 
     Args:
-        fits: fits by name.
+        fits: name of a signal -> fitted noise model.
         units: unit of each fit, e.g. rad/s.
-        path: where to save, see `PicturePath`.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
     """
     columns = min(COLUMNS, len(fits))

@@ -1,4 +1,4 @@
-"""Bode plot of a control loop, opened at one command at a time while all other commands stay closed."""
+"""Bode plot of a control loop that is opened at one command at a time, while all other commands stay closed."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -12,15 +12,15 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 
 
 DASHES = ("-", (0, (6, 6)), (0, (2, 6)))
-"""Line styles. They have gaps, so that two equal curves are both visible."""
+"""Line styles with gaps, so that two equal curves are both visible."""
 
 
 def plot_bode(loop: LoopMap, path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw magnitude and phase of the loop opened at each command, with a dot and the phase margin at magnitude 1.
+    """Draw magnitude and phase of the loop opened at each command. A dot marks magnitude 1, with the phase margin.
 
     Args:
-        loop: map of the loop.
-        path: where to save, see `PicturePath`.
+        loop: linear map of the loop.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
     """
     figure = new_figure(7.0, 5.6)

@@ -1,4 +1,4 @@
-"""Plots of calibrations: readings, the fit with its 95 % band, outliers, and the residuals below."""
+"""Plots of calibrations: readings, fitted line with 95 % band, outliers and residuals."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,10 +14,10 @@ COLUMNS, WIDTH, HEIGHT = 3, 5.2, 4.6
 
 
 class FitCurve(NamedTuple):
-    """Fitted line and its readings. x, y: readings (n,).  fitted: fit at the readings (n,).
+    """Readings, and the line fitted to them. x, y: readings (n,).  fitted: values of the line at the readings (n,).
 
-    kept: (n,) bool, False for outliers.  line_x, line_y: line of the fit (m,).  band: half width of the line's 95 %
-    interval (m,), or None.  label: text of the legend.
+    kept: (n,) bool, False for outliers.  line_x, line_y: points of the line (m,).  band: half width of the line's 95 %
+    interval (m,), or None.  label: text in the legend.
     """
 
     x: Any
@@ -31,7 +31,7 @@ class FitCurve(NamedTuple):
 
 
 class FitPanel(NamedTuple):
-    """Curves that share axes, with the labels of the axes."""
+    """Panel of a calibration plot: curves in common axes, and labels of the axes."""
 
     title: str
     x_label: str
@@ -41,11 +41,11 @@ class FitPanel(NamedTuple):
 
 
 def plot_fits(panels: Sequence[FitPanel], path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw each panel: readings, fit and band above, residuals below. Outliers are drawn as crosses.
+    """Draw panels of fits: readings, line and band above, and residuals below. Outliers are drawn as crosses.
 
     Args:
-        panels: the fits.
-        path: where to save, see `PicturePath`.
+        panels: panels with the fits.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
     """
     columns = min(COLUMNS, len(panels))

@@ -1,4 +1,4 @@
-"""Plots of a campaign: its runs as lines, a metric's histogram, convergence of an estimate, sensitivity to factors.
+"""Plots of a campaign: runs in parallel coordinates, histogram of a metric, convergence of an estimate, sensitivity.
 
 Source: Inselberg, "The plane with parallel coordinates", The Visual Computer 1 (1985).
 """
@@ -21,14 +21,16 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 MOST_LINES = 400
-"""Maximum number of successes, and of failures, drawn as lines. More lines would merge into one area."""
+"""Maximum number of successful runs, and of failed runs, that are drawn as lines. More lines would merge into one
+area."""
 LIGHT = "#BFD9EA"
 LOOKS = 60
-"""Number of points at which an estimate is drawn."""
+"""Number of points of a curve that shows the convergence of an estimate."""
 HUGE = 1e12
-"""Value drawn in place of infinity, which matplotlib cannot draw. It is far outside the plot."""
+"""Value, far outside the plot, that is drawn in place of infinity, because matplotlib cannot draw infinity."""
 BEYOND = 4.0
-"""Half width of a histogram about the median, in widths of the middle 90 % of values. Values outside are counted."""
+"""Half width of a histogram about the median, as a multiple of the width of the middle 90 % of values. Values outside
+are counted, but not drawn."""
 
 
 def plot_parallel(
@@ -38,14 +40,16 @@ def plot_parallel(
     title: str = "",
     units: Mapping[str, str] = MappingProxyType({}),
 ) -> "Figure":
-    """Draw each run as a line through its parameters, failures on top. Of many runs, only some are drawn.
+    """Draw each run as a line through its parameters, in parallel coordinates. Failed runs are drawn on top.
+
+    Of a large number of runs, only some are drawn.
 
     Args:
-        parameters: values by name, each of shape (n,): numbers, finite.
-        success: success of each run, shape (n,).
-        path: where to save, see `PicturePath`.
+        parameters: name of a parameter -> values in n runs, finite numbers of shape (n,).
+        success: True for each successful run, shape (n,).
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
-        units: units of the parameters, by name, if any.
+        units: name of a parameter -> unit.
     """
     good = as_column(success, "plot_parallel") > 0
     names = list(parameters)
@@ -74,21 +78,24 @@ def plot_parallel(
 
 
 def thin_rows(rows: Any, most: int) -> Any:
-    """Return up to `most` of the rows, evenly spread, with the first and the last."""
+    """Return up to `most` of the run indices `rows`, evenly spread, including the first and the last."""
     if len(rows) <= most:
         return rows
     return rows[np.linspace(0, len(rows) - 1, most).round().astype(int)]
 
 
 def _axis_positions(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any, Any]:
-    """Return each run's position on each axis, 0 to 1, shape (parameters, runs), and smallest and largest values."""
+    """Return the positions of the runs on the parameter axes, and the smallest and largest value of each parameter.
+
+    Positions are from 0 to 1, with shape (parameters, runs).
+    """
     names, table = list(parameters), np.array([as_column(v, f"plot_parallel: {n}") for n, v in parameters.items()])
     if not names or table.shape[1] != runs or not np.isfinite(table).all():
         problem = (
             f"each run needs a finite value of each parameter, and success; got {len(names)} parameters of"
             f" {table.shape[1:]} runs, and success of {runs}"
         )
-        raise InputError("plot_parallel", problem, fix="give one finite number for each run and parameter")
+        raise InputError("plot_parallel", problem, fix="use one finite number for each run and parameter")
     low, high = table.min(axis=1), table.max(axis=1)
     place = (table - low[:, None]) / np.where(high > low, high - low, 1.0)[:, None]
     place[high == low] = 0.5
@@ -96,8 +103,11 @@ def _axis_positions(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any,
 
 
 def _draw_lines(axes: Any, places: Any, colour: str, order: int) -> None:
-    """Draw one line per run through its positions on the axes (runs, parameters), fainter for more lines. Lines of a
-    higher order are on top."""
+    """Draw one line per run through its positions on the parameter axes.
+
+    places: positions (runs, parameters).  order: drawing order. Lines with a higher order are on top. The more lines
+    are drawn, the fainter they are.
+    """
     from matplotlib.collections import LineCollection
 
     k = np.arange(places.shape[1])
@@ -107,7 +117,7 @@ def _draw_lines(axes: Any, places: Any, colour: str, order: int) -> None:
 
 
 def short_names(names: Sequence[str]) -> list[str]:
-    """Shorten paths to the last parts that distinguish them."""
+    """Return paths shortened to as many last components as are needed to distinguish them."""
     parts = [name.split(".") for name in names]
     for count in range(1, max(map(len, parts)) + 1):
         short = [".".join(p[-count:]) for p in parts]
@@ -126,15 +136,16 @@ def plot_histogram(
     level: float = 0.95,
     limit: float | None = None,
 ) -> "Figure":
-    """Draw the distribution of a metric over the runs, with quantiles and their bands.
+    """Draw the distribution of a metric over the runs, with quantiles and confidence bands of the quantiles.
 
     Args:
-        shares: levels of the quantiles.
-        path: where to save, see `PicturePath`.
+        shares: levels of the quantiles, from 0 to 1.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
         label: name and unit of the metric.
-        level: confidence of each band.
-        limit: a required value, drawn as a line if it is near the values. The legend always names the limit.
+        level: confidence level of each band.
+        limit: required limit of the metric, drawn as a line if it is near the values. The legend always shows the
+        limit.
     """
     figure, axes = _new_axes(7.0, 4.4, title)
     x = as_column(values, "plot_histogram")
@@ -166,15 +177,19 @@ def plot_convergence(
     level: float = 0.95,
     limit: float | None = None,
 ) -> "Figure":
-    """Draw an estimate over the number of runs, with intervals valid at one number, and at all numbers at once.
+    """Draw an estimate over the number of runs, with two kinds of confidence intervals.
+
+    Intervals of the first kind are valid at a single number of runs, those of the second kind at all numbers of runs
+    simultaneously.
 
     Args:
         values: success (true or false) or a metric of runs 0 to n - 1, shape (n,).
-        p: level of the quantile of the metric. None: the success rate.
-        path, title: where to save, see `PicturePath`, and title of the plot.
+        p: level of the quantile of the metric that is estimated. None: the success rate is estimated.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
+        title: title of the plot.
         label: label of the vertical axis.
-        level: confidence of the intervals.
-        limit: a required value, drawn as a line.
+        level: confidence level of the intervals.
+        limit: required limit of the estimate, drawn as a line.
     """
     figure, axes = _new_axes(7.0, 4.4, title)
     x = as_column(values, "plot_convergence")
@@ -199,11 +214,14 @@ def plot_convergence(
 
 
 def plot_sensitivity(effects: Sensitivity | Morris, path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw the importance of each factor, largest first, with intervals: total and first order, or mu* and sigma.
+    """Draw the sensitivity of a metric to each factor, largest first, with confidence intervals.
+
+    For a result of `sensitivity`, total and first order indices are drawn. For `morris`, mu* and sigma are drawn.
 
     Args:
         effects: result of `sensitivity` or of `morris`.
-        path, title: where to save, see `PicturePath`, and title of the plot.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
+        title: title of the plot.
     """
     if isinstance(effects, Sensitivity):
         pair, label = (("total", "total order"), ("first", "first order")), "share of the variance"
@@ -230,7 +248,7 @@ def plot_sensitivity(effects: Sensitivity | Morris, path: PicturePath = None, ti
 
 
 def _histogram_edges(finite: Any) -> tuple[float, float]:
-    """Return the range of a histogram of sorted values: all values except far outliers."""
+    """Return the limits of a histogram of sorted values. Far outliers are outside."""
     if not len(finite):
         return 0.0, 1.0
     low, middle, high = np.percentile(finite, [5, 50, 95])
@@ -240,7 +258,7 @@ def _histogram_edges(finite: Any) -> tuple[float, float]:
 
 
 def _draw_limit(axes: Any, limit: float, left: float, right: float) -> None:
-    """Draw a limit as a line. A limit far from the edges would squeeze the bars, so only the legend names it."""
+    """Draw a required limit as a line. If the limit is far outside the histogram, only the legend shows it."""
     name, style = f"limit {limit:g}", {"color": VERMILION, "linewidth": 1.2, "linestyle": "--"}
     if left - (right - left) <= limit <= right + (right - left):
         axes.axvline(limit, label=name, **style)
@@ -265,7 +283,10 @@ def _quantile_interval(x: Any, p: float | None, level: float, anytime: bool) -> 
 
 
 def _estimate_limits(estimates: Any, limit: float | None) -> tuple[float, float]:
-    """Return the range of the later half of estimates and bands. An unbounded band extends to the edge of the plot."""
+    """Return the vertical limits of the plot, from the second half of the estimates and confidence bands.
+
+    A band without a limit extends to the edge of the plot.
+    """
     shown = estimates[len(estimates) // 2 :]
     shown = np.r_[shown[np.isfinite(shown)], [] if limit is None else [limit]]
     if not len(shown):

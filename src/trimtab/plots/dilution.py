@@ -1,4 +1,4 @@
-"""Plot of the dilution of precision over the floor, with the beacons and the edges of their cones."""
+"""Plot of the dilution of precision over the floor, with the beacons and the edges of the beacons' cones."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +17,13 @@ LEVELS = (0.8, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)
 def plot_dilution(
     dilution_map: "DilutionMap", path: PicturePath = None, title: str = "Dilution of precision"
 ) -> "Figure":
-    """Draw a map: north up, east to the right. White: no fix. The number of visible beacons changes at each line.
+    """Draw a map of the dilution of precision, with north up and east to the right.
+
+    In white areas no fix is possible. The number of visible beacons changes at each line.
 
     Args:
-        dilution_map: the map.
-        path: where to save, see `PicturePath`.
+        dilution_map: map to draw.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
     """
     from matplotlib.colors import BoundaryNorm

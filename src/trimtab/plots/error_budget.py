@@ -1,4 +1,4 @@
-"""Plot of an error budget: bars for the effect of each imperfection, one panel for each measure."""
+"""Plot of an error budget: bars for the effect of each imperfection, in one panel for each error."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +14,11 @@ ALONE, WITHOUT, NONE = BLUE, VERMILION, "#E8E8E8"
 
 
 def plot_error_budget(budget: ErrorBudget, path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw the budget: for each measure, the rms with only this imperfection, and with all imperfections except this
-    one.
+    """Draw an error budget. For each error, bars show the RMS with one imperfection only, and with all except this one.
 
     Args:
-        budget: the budget.
-        path: where to save, see `PicturePath`.
+        budget: error budget to draw.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
     """
     measures, n = list(budget.units), len(budget.costs)

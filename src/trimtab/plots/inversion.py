@@ -1,4 +1,4 @@
-"""Plot of state and input for an output that follows a trajectory exactly, also before and after its change."""
+"""Plot of a model inversion: states and inputs for outputs that follow a trajectory exactly."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -12,9 +12,10 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 DRAWN_MOTION_MIN = 0.01
-"""Smallest motion of a drawn state, relative to the largest motion in its unit. Outputs are always drawn."""
+"""Smallest motion of a state that is drawn, relative to the largest motion of a state in the same unit. Outputs are
+always drawn."""
 ROUNDING = 1e-6
-"""Motion of a state, relative to the state's size, below which the state counts as constant."""
+"""Change of a state, relative to the state's magnitude, below which the state counts as constant."""
 
 
 def plot_inversion(
@@ -27,17 +28,16 @@ def plot_inversion(
     units: Mapping[str, str] | None = None,
     outputs: tuple[str, ...] = (),
 ) -> "Figure":
-    """Draw outputs, each other state that moves, and each input, over time. The time in which the outputs
-    change is shaded.
+    """Draw outputs, other states that change, and inputs over time. The time in which the outputs change is shaded.
 
     Args:
-        found: result of the inversion.
-        states, inputs: names of the columns of states and inputs.
-        span: times (s) at which the change of the outputs begins and ends.
-        path: where to save, see `PicturePath`.
+        found: result of the model inversion.
+        states, inputs: names of the states and inputs, in the order of the columns.
+        span: times (s) at which the outputs begin and cease to change.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
-        units: units of states and inputs, by name. Angles in rad are drawn in degrees.
-        outputs: outputs that follow the trajectory. Those outputs that are states are drawn first.
+        units: name of a state or input -> unit. Angles in rad are drawn in degrees.
+        outputs: names of the outputs that follow the trajectory. Outputs that are also states are drawn first.
     """
     units = units or {}
     moves = dict(zip(states, np.ptp(found.x, axis=0).tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Plot of the delays of a link: a histogram of each direction and of the round trip, for each load."""
+"""Plot of the measured delays of a radio link: histograms of uplink, downlink and round trip, for each load."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -14,11 +14,11 @@ WIDTH, ROW_HEIGHT, BINS = 13.0, 2.6, 30
 
 
 def plot_link_delays(measured: Sequence[Delays], path: PicturePath = None, title: str = "Delays of a link") -> "Figure":
-    """Draw the share of packets per ms of delay, with the fitted distribution of the delays up and of the delays down.
+    """Draw the fraction of packets per ms of delay, with the distributions fitted to uplink and downlink delays.
 
     Args:
-        measured: measured delays of each load. Each load has a row of panels.
-        path: where to save, see `PicturePath`.
+        measured: measured delays of each load. Each load is drawn in a separate row of panels.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
     """
     figure = new_figure(WIDTH, 0.6 + ROW_HEIGHT * len(measured))

@@ -1,4 +1,5 @@
-"""Plot of a run's navigation: errors within the filter's own two sigmas, and statistics of the measurements."""
+"""Plot of a run's navigation: errors with bands of two sigmas as computed by the filter, and NIS of the
+measurements."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -15,16 +16,16 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 COLUMNS, WIDTH, ROW_HEIGHT, TOP = 3, 16.0, 2.1, 0.7
 ROOM = 1.6
-"""Range of the axes, relative to errors and bands late in the run. The start may lie far outside."""
+"""Range of the axes, as a multiple of errors and bands late in the run. Errors at the start may be outside."""
 
 
 def plot_navigation(log: Log, path: PicturePath = None, title: str = "Navigation") -> "Figure":
-    """Draw estimate minus truth with bands of two sigmas, biases as estimated, and NIS against its 95 % line.
+    """Draw the errors (estimate minus truth) with bands of two sigmas, estimated biases, and NIS with its 95 % limit.
 
     Args:
         log: log of a run whose estimate has sigmas and innovations.
-        path: where to save, see `PicturePath`.
-        title: title of the plot, to which the verdict is appended.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
+        title: title of the plot. The verdict on the consistency of the filter is appended.
     """
     states, aided = state_series(log), innovations(log)
     if not states:
@@ -61,7 +62,7 @@ def _unit(log: Log, name: str) -> tuple[str, float]:
 
 
 def _label_times(every: Any, used: int) -> None:
-    """Label times below the lowest panel of each column, and remove unused panels."""
+    """Label the time axis of the lowest panel in each column, and remove unused panels."""
     for axes in every[used:]:
         axes.set_axis_off()
     for axes in every[max(0, used - COLUMNS) : used]:
@@ -70,7 +71,7 @@ def _label_times(every: Any, used: int) -> None:
 
 
 def _draw_state(axes: Any, name: str, s: Series, unit: str) -> None:
-    """Draw the error about zero, or the estimate if the log has no truth for it."""
+    """Draw the error of a state, or the estimate if the log does not contain the true value of the state."""
     middle = s.estimate if s.error is None else np.zeros(len(s.t))
     shown = s.estimate if s.error is None else s.error
     low, high = (decimate(s.t, middle + k * s.sigma) for k in (-2, 2))
@@ -90,7 +91,7 @@ def _draw_state(axes: Any, name: str, s: Series, unit: str) -> None:
 
 
 def _draw_nis(axes: Any, name: str, t: Any, nis: Any, dof: int) -> None:
-    """Draw NIS of each update on a logarithmic scale, with the 95 % limit, and the expected mean."""
+    """Draw the NIS of each update on a logarithmic scale, with the 95 % limit and the expected mean."""
     limit = gate_threshold(dof, 0.95)
     axes.plot(t, np.where(nis > 0, nis, np.nan), ".", color=BLUE, ms=3, alpha=0.5)
     axes.plot(t, np.where(nis > limit, nis, np.nan), ".", color=VERMILION, ms=3)

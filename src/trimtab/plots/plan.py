@@ -1,8 +1,8 @@
 """Plan view of a run: north against east, with heading marks, truth, estimate, reference and fence.
 
-A plan view needs a truth with north and east, or a vehicle that moves in three dimensions (`logs.spatial`). Such a
-vehicle also has a profile: altitude over distance flown. Other curves are drawn if the log has their paths. North is up
-and east is to the right, at the same scale.
+A plan view is drawn if the true state contains north and east, or if the vehicle moves in three dimensions
+(`logs.spatial`). For a vehicle in three dimensions, a profile (altitude over distance flown) can also be drawn.
+Estimate and reference are drawn if the log contains them. North is up and east is to the right, at the same scale.
 """
 
 from collections.abc import Mapping
@@ -29,19 +29,20 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 POINTS = 2000
-"""Maximum number of points of a line."""
+"""Maximum number of points of a drawn line."""
 MARKS = 14
-"""Number of heading marks along the path."""
+"""Number of marks along the path that show the heading."""
 MARK_LENGTH = 0.05
-"""Length of a heading mark, as a share of the plot."""
+"""Length of a heading mark, as a fraction of the plot."""
 EXTENT_MIN = 0.5
 """Smallest extent of the plot (m)."""
 FENCE_FARTHEST = 0.7
-"""Largest distance of a fence that is drawn, relative to the span of the flight. A farther fence is left out."""
+"""Largest distance of a fence that is drawn, as a multiple of the extent of the flight. A fence farther away is left
+out."""
 
 
 class Fence(NamedTuple):
-    """Bounds of a supervisor (m): north, east, and distance from the origin. Infinite means no bound."""
+    """Position bounds of a supervisor (m): north, east, and distance from the origin. Infinity means no bound."""
 
     south: float = -np.inf
     north: float = np.inf
@@ -51,18 +52,18 @@ class Fence(NamedTuple):
 
 
 def has_plan(log: Log) -> bool:
-    """Return True if a plan view of the log is possible."""
+    """Return True if a plan view can be drawn from the log."""
     prefix = _prefix(log)
     return all(prefix + n in log and log[prefix + n].ndim == 1 for n in ("north", "east")) and len(log) > 0
 
 
 def has_profile(log: Log) -> bool:
-    """Return True if the log has altitude and position of a vehicle, so that a profile can be drawn."""
+    """Return True if the log contains altitude and position of the vehicle, so that a profile can be drawn."""
     return has_plan(log) and f"{FLIGHT}altitude" in log
 
 
 def _prefix(log: Log) -> str:
-    """Return the prefix of the paths of north and east: that of the derived signals if present, else "truth."."""
+    """Return the prefix of the log paths of north and east: "flight." if the derived signals exist, else "truth."."""
     return FLIGHT if f"{FLIGHT}north" in log else "truth."
 
 
@@ -70,13 +71,13 @@ def plot_plan(log: Log, ideal: Log | None = None, path: PicturePath = None, titl
     """Draw the plan view of a run in its own figure.
 
     Args:
-        log: the run.
-        ideal: the run to compare with, or None.
-        path: where to save, see `PicturePath`.
+        log: log of the run.
+        ideal: log of the ideal run, drawn for comparison, or None.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
 
     Raises:
-        InputError: the log has no position, north and east.
+        InputError: the log contains no north and east position.
     """
     log, ideal = with_flight(log), None if ideal is None else with_flight(ideal)
     if not has_plan(log):
@@ -91,7 +92,7 @@ def plot_plan(log: Log, ideal: Log | None = None, path: PicturePath = None, titl
 
 
 def draw_plan(axes: Any, log: Log, ideal: Log | None = None) -> None:
-    """Draw the plan view into one panel."""
+    """Draw the plan view of a run into a panel."""
     north, east = (log[_prefix(log) + name] for name in ("north", "east"))
     size, shown = _span(north, east), _thin(len(log))
     _draw_fence(axes, find_fence(log.metadata.get("parameters") or {}), north, east)
@@ -154,7 +155,7 @@ def _draw_fence(axes: Any, fence: Fence, north: Any, east: Any) -> None:
 
 
 def draw_profile(axes: Any, log: Log, ideal: Log | None = None) -> None:
-    """Draw the altitude of a vehicle over the distance flown, into one panel."""
+    """Draw the altitude of a vehicle over the distance flown into a panel."""
     for one, colour, look in ((ideal, VERMILION, "--"), (log, BLUE, "-")):
         if one is None or not has_profile(one):
             continue
@@ -170,7 +171,7 @@ def draw_profile(axes: Any, log: Log, ideal: Log | None = None) -> None:
 
 
 def _draw_headings(axes: Any, headings: Any, places: Any, length: float) -> None:
-    """Draw short lines from the craft along its nose, at evenly spaced times. places: east, north (2, n)."""
+    """Draw short lines in the direction of the craft's nose, at evenly spaced times. places: east, north (2, n)."""
     at = np.unique(np.linspace(0, len(headings) - 1, MARKS).astype(int))
     heading, places = headings[at], places[:, at]
     ahead = length * np.array([np.sin(heading), np.cos(heading)])

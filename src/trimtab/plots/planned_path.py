@@ -1,4 +1,4 @@
-"""Plot of a plan: floor, obstacles, the planned route, and the flight along it with its inputs."""
+"""Plot of a planned path: floor, obstacles, route, and the simulated flight along the route with its inputs."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -12,16 +12,16 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 EACH = 50
-"""Number of rows of the plan between two drawn outlines of the craft."""
+"""Number of points of the plan between two drawn outlines of the craft."""
 
 
 def plot_planned_path(task: PlanTask, plan: FlownPlan, path: PicturePath = None, title: str = "Plan") -> "Figure":
-    """Draw a plan: north up, east to the right. Circles show the craft, and ticks its nose.
+    """Draw a planned path, with north up and east to the right. Circles show the craft, short lines the nose.
 
     Args:
-        task: the planning task.
-        plan: the resulting plan.
-        path: where to save, see `PicturePath`.
+        task: planning task.
+        plan: plan to draw.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
     """
     figure = new_figure(12.0, 6.4)

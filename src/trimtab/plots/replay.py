@@ -1,6 +1,6 @@
-"""Plot of a replay: each estimated state and each command, recorded and replayed, and the errors of both.
+"""Plot of a replay: estimated states and commands, recorded and replayed, and the errors of both.
 
-The rows depend on the paths in the logs.
+The drawn signals depend on the paths in the logs.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -19,14 +19,17 @@ SHOWN_PREFIXES = ("estimate.state.", "law.demand.", "command.value.")
 
 
 def common_signals(recorded: Log, replayed: Log) -> list[str]:
-    """Return the scalar real signals that both logs have: estimated states without sigmas, demands, commands."""
+    """Return the paths of the signals to draw: scalar estimated states, demands and commands that both logs contain.
+
+    Sigmas are left out.
+    """
     both = [p for p in recorded.paths if p in replayed and p.startswith(SHOWN_PREFIXES)]
     plain = [p for p in both if p.count(".") == 2 and not p.rpartition(".")[2].startswith("sigma_")]
     return [p for p in plain if recorded[p].dtype.kind == "f" and recorded[p].ndim == replayed[p].ndim == 1]
 
 
 def interpolate_truth(log: Log, path: str, ticks: Any) -> Any:
-    """Return the truth of an estimated state at the instants `ticks`, or None."""
+    """Return the true values of an estimated state at the instants `ticks`, or None if the log lacks them."""
     name = f"truth.{path.removeprefix('estimate.state.')}"
     if not path.startswith("estimate.state.") or name not in log:
         return None
@@ -34,12 +37,12 @@ def interpolate_truth(log: Log, path: str, ticks: Any) -> Any:
 
 
 def plot_replay(log: Log, recorded: Log, replayed: Log, path: PicturePath = None, title: str = "Replay") -> "Figure":
-    """Draw recorded and replayed signals in one column of panels, and their errors or difference in another column.
+    """Draw recorded and replayed signals in one column of panels, and errors or differences in another column.
 
     Args:
-        log: the whole log, which may have the truth.
-        recorded, replayed: the signals at the control instants, as `run.replay` returns them.
-        path: where to save, see `PicturePath`.
+        log: complete log, which may contain the true state.
+        recorded, replayed: signals at the control instants, as `run.replay` returns them.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
     """
     names = common_signals(recorded, replayed)

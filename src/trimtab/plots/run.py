@@ -1,8 +1,8 @@
 """Plot of a run: the main signals over a common time axis, with the ideal run for comparison.
 
-The panels follow from the log's paths, so the plot works for any vehicle, law and actuator. For a vehicle that moves in
-three dimensions, altitude, speed, attitude in degrees and rates replace its vectors and its quaternion, and its track
-is drawn from above and from the side.
+The panels are chosen by the paths in the log, so the plot is possible for any vehicle, law and actuator. For a vehicle
+that moves in three dimensions, altitude, speed, attitude angles in degrees and angular rates are drawn instead of
+vectors and quaternion, and the path of the vehicle is drawn from above and from the side.
 """
 
 import dataclasses
@@ -42,25 +42,30 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 
 COLUMNS, WIDTH, ROW_HEIGHT = 3, 16.0, 1.85
 LEFT, RIGHT, TOP, BOTTOM, GAP = 0.85, 0.25, 0.95, 0.6, 0.9
-"""Margins and gap between columns (inches)."""
+"""Margins of the figure and gap between columns of panels (inches)."""
 PLAN_ROWS = 3
-"""Number of rows of the last column that the plan view takes. A profile of the altitude takes one more row below."""
+"""Height of the plan view in the last column, in rows of panels. An altitude profile needs one more row below."""
 IN_SPACE = {
     "Altitude": ("altitude",),
     "Speed": ("ground_speed", "climb", "air_speed"),
     "Attitude": ANGLES,
     "Rates": RATES,
 }
-"""Panels of a vehicle that moves in three dimensions, and their signals."""
+"""Title of a panel for a vehicle that moves in three dimensions -> signals in the panel."""
 LIMIT_FARTHEST = 0.5
-"""Largest distance of an input limit that is drawn, relative to the span of the input. A farther limit is left out."""
+"""Largest distance of an input limit that is drawn, as a multiple of the range of the input. A limit farther away is
+left out."""
 TITLE_POINTS, NOTE_POINTS, PANEL_POINTS = 6.2, 3.8, 300.0
 """Width (points) of a character of a panel's title and of its note, and room for both."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Panel:
-    """One panel. kind: line, log, mode, age or flags.  demand_path: demanded signal, drawn in grey behind the curve."""
+    """Panel of the plot.
+
+    paths: paths of the signals.  kind: kind of panel: line, log, mode, age or flags.  demand_path: path of the demanded
+    signal, which is drawn in grey behind the curve.
+    """
 
     title: str
     paths: tuple[str, ...]
@@ -78,18 +83,19 @@ def plot_run(
     *,
     targets: Iterable[Target] = (),
 ) -> "Figure":
-    """Draw a run, and save the plot if there is a path (PNG, or the format of the suffix, written atomically).
+    """Draw a run, and save the plot if a path is given. The file is written atomically.
 
     >>> from trimtab import plot_run, simulate
     >>> len(plot_run(simulate("hovercraft/spin", duration="100 ms")).axes) > 4
     True
 
     Args:
-        real: the run.
-        ideal: the run to compare with in truth and law, or None. A path given here is used as `path`.
-        path: path of the saved file.
+        real: log of the run.
+        ideal: log of the ideal run, whose true state and law are drawn for comparison, or None. If this argument is a
+            file name, it is used as `path`.
+        path: path of the saved file. The suffix determines the format, PNG by default.
         title: title of the plot. Default: the scenario and the seed.
-        targets: targets, each drawn as a line with its band in the panel of its signal.
+        targets: targets. Each target is drawn as a line with a tolerance band, in the panel of its signal.
     """
     check_log(real, "plot_run({})")
     from matplotlib.figure import Figure
@@ -138,9 +144,9 @@ def plot_run(
 
 
 def select_panels(log: Log, aimed: Collection[str] = ()) -> list[Panel]:
-    """Select the panels, in the order of the loop: truth, forces, law, actuators, ages, flags.
+    """Return the panels, in the order of the loop: truth, forces, law, actuators, ages, flags.
 
-    The sources of derived signals such as roll, e.g. a quaternion, are left out, unless they have a target.
+    A signal from which drawn signals are derived, e.g. a quaternion, is left out unless it has a target.
     """
     said = flight_sources(log) - set(aimed) if f"{FLIGHT}roll" in log else set[str]()
     drawn = [p for p in log.paths if _panel_kind(log, p) not in ("time", "flag") and p not in said]
@@ -171,7 +177,7 @@ def select_panels(log: Log, aimed: Collection[str] = ()) -> list[Panel]:
 
 
 def _tell_apart(panels: list[Panel]) -> list[Panel]:
-    """Add the origin to repeated panel titles, as in Heading, law.demand."""
+    """Return the panels with the block of the signal added to titles that occur twice, e.g. "Heading, law.demand"."""
     titles = [panel.title for panel in panels]
     return [
         dataclasses.replace(panel, title=f"{panel.title}, {panel.paths[0].rpartition('.')[0]}")
@@ -182,7 +188,7 @@ def _tell_apart(panels: list[Panel]) -> list[Panel]:
 
 
 def _panel_places(count: int, side_rows: int) -> list[tuple[int, int]]:
-    """Return row and column of each panel, in reading order, without the cells of plan view and profile."""
+    """Return row and column of each panel, in reading order. The cells of plan view and profile are not used."""
     cells = ((row, column) for row in range(count + side_rows) for column in range(COLUMNS))
     free = (cell for cell in cells if not (cell[0] < side_rows and cell[1] == COLUMNS - 1))
     return list(itertools.islice(free, count))
@@ -195,18 +201,18 @@ def _panel_kind(log: Log, path: str) -> str:
 
 
 def _is_idle(log: Log, path: str) -> bool:
-    """Return True for a vector term of a law that is switched off, i.e. always zero."""
+    """Return True for a vector term of a law that is switched off, i.e. zero in all rows."""
     return path.startswith("law.") and log[path].ndim > 1 and not log[path].any()
 
 
 def _title_of_path(path: str) -> str:
-    """Return a title from a path: surge_velocity becomes Surge velocity, speed_rpm Speed. Symbols such as FX stay."""
+    """Return a panel title for a path, e.g. "Surge velocity" for surge_velocity. Symbols such as FX are not changed."""
     name = path.rsplit(".", 1)[-1].removesuffix("_rpm").replace("_", " ")
     return name if len(name) == 1 else name[0].upper() + name[1:]
 
 
 def _short_label(name: str) -> str:
-    """Wrap a name so that it fits left of the axes."""
+    """Return a name with line breaks, so that it fits to the left of the axes."""
     return textwrap.fill(name, 13)
 
 
@@ -250,7 +256,7 @@ def _draw_panel(axes: Any, panel: Panel, real: Log, ideal: Log | None, targets: 
 
 
 def _draw_limits(axes: Any, panel: Panel, log: Log) -> None:
-    """Draw the declared limits of an input that are near the curve."""
+    """Draw those declared limits of an input that are near the curve."""
     path = panel.paths[0]
     declared = log.declaration(path)
     known = log[path][np.isfinite(log[path])]
@@ -289,7 +295,7 @@ def _draw_flags(axes: Any, panel: Panel, log: Log) -> None:
 
 
 def signal_note(panel: Panel) -> str:
-    """Return the paths of a panel's signals, as many as fit beside its title."""
+    """Return the names of a panel's signals as a note, as many as fit next to the panel's title."""
     path, room = panel.paths[0], PANEL_POINTS - TITLE_POINTS * len(panel.title)
     notes = (f"{panel.demand_path}, {path}", path) if panel.demand_path else (path,)
     return next((note for note in notes if NOTE_POINTS * len(note) <= room), "")

@@ -1,4 +1,4 @@
-"""Plots of a search: the margins of a falsification, and the cost and gains of a tuning."""
+"""Plots of a search: margins of a falsification (`falsify`), and cost and gains of a tuning (`tune`)."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 
 WIDTH, FALSIFY_HEIGHT, TUNE_HEIGHT = 13.0, 4.6, 4.2
 WORST = 60
-"""Number of worst candidates whose coordinates are drawn."""
+"""Number of candidates with the smallest margins whose coordinates are drawn."""
 
 
 def plot_falsify(
@@ -23,7 +23,7 @@ def plot_falsify(
 
     Args:
         search: result of `falsify`.
-        path: where to save, see `PicturePath`.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
     """
     names = [name.rsplit(".", 1)[-1] for name in search.names]
@@ -58,7 +58,7 @@ def _draw_margins(axes: Any, search: FalsificationResult) -> None:
 
 
 def _draw_candidates(axes: Any, search: FalsificationResult, names: list[str]) -> None:
-    """Draw the coordinates of the worst candidates. A line joins the coordinates of the worst one."""
+    """Draw the coordinates of the candidates with the smallest margins. A line joins those of the worst candidate."""
     _, once = np.unique(search.points, axis=0, return_index=True)
     worst = once[np.argsort(search.candidate_margins.min(axis=1)[once], kind="stable")][:WORST][::-1]
     rows = np.arange(len(names))
@@ -74,11 +74,11 @@ def _draw_candidates(axes: Any, search: FalsificationResult, names: list[str]) -
 
 
 def plot_tune(tuning: TuningResult, path: PicturePath = None, title: str = "Tuning") -> "Figure":
-    """Draw the cost and the gains over a tuning, and the change of the cost in training and in validation.
+    """Draw cost and gains over the steps of a tuning, and the change of the cost in training and in validation runs.
 
     Args:
         tuning: result of `tune`.
-        path: where to save, see `PicturePath`.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
     """
     figure = new_figure(WIDTH, TUNE_HEIGHT)
@@ -109,7 +109,7 @@ def plot_tune(tuning: TuningResult, path: PicturePath = None, title: str = "Tuni
 
 
 def _draw_comparisons(axes: Any, tuning: TuningResult) -> None:
-    """Draw the mean paired differences of the cost, with their intervals."""
+    """Draw the mean differences of the cost in paired runs, with confidence intervals."""
     bars = (("training", tuning.seen_comparison, GREY), ("validation", tuning.held_out_comparison, BLUE))
     for i, (_, c, colour) in enumerate(bars):
         if np.isfinite(c.difference):

@@ -1,4 +1,4 @@
-"""Plot of signals of one or several logs, by their paths: one panel per signal, over one time axis."""
+"""Plot of selected signals of one or several logs, with one panel per signal and a common time axis."""
 
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
@@ -33,11 +33,12 @@ PANELS_MAX = 24
 
 
 def select_paths(log: Log, wanted: Sequence[str]) -> list[str]:
-    """Select signals of a log by their paths, in the given order: "truth.yaw_rate", "truth.velocity[2]", "law.*".
+    """Return the paths of selected signals in a log, e.g. for "truth.yaw_rate", "truth.velocity[2]", "law.*".
 
-    A vector is split into its numbers. Derived signals of a flight, such as "flight.roll", are included.
+    The order is that of the selection. A vector is split into its elements. Derived signals of a flight, such as
+    "flight.roll", can also be selected.
 
-    Raises: InputError with similar paths.
+    Raises: InputError for a path that is not in the log. The message suggests similar paths.
     """
     log, chosen = with_flight(log), list[str]()
     for path in wanted:
@@ -63,12 +64,13 @@ def select_paths(log: Log, wanted: Sequence[str]) -> list[str]:
 
 
 def plot_signals(logs: Mapping[str, Log], paths: Sequence[str], path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw signals, one panel each, and save the plot if there is a path.
+    """Draw signals, each in a separate panel, and save the plot if a path is given.
 
     Args:
-        logs: name -> log. Each log has its colour, and is left out of the panels of signals that it lacks.
-        paths: paths of numbers, as returned by `select_paths`.
-        path: where to save. The suffix decides: PNG, PDF or SVG.
+        logs: name of a log, for the legend -> log. Each log has a colour. A log without a signal is left out of this
+            signal's panel.
+        paths: paths of scalar signals, as returned by `select_paths`.
+        path: file in which the plot is saved, or None to save no file. The suffix determines the format: PNG, PDF, SVG.
         title: title of the plot.
     """
     from matplotlib.figure import Figure

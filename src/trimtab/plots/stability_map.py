@@ -1,4 +1,4 @@
-"""Plot of a stability map: successes, the traced boundary, the points that were flown, and the theory's curves."""
+"""Plot of a stability map: success rates, traced boundary, simulated points, and curves of theoretical criteria."""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
@@ -26,13 +26,13 @@ def plot_stability_map(
     *,
     theory: Iterable[StabilityCriterion] = (),
 ) -> "Figure":
-    """Draw a map: blue where runs succeed, orange where they fail, a dot for every point that was flown.
+    """Draw a stability map: blue where runs succeed, orange where runs fail, and a dot for each simulated point.
 
     Args:
-        region: the map.
-        path: where to save, see `PicturePath`.
+        region: stability map to draw.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot. Default: the scenario's name.
-        theory: criteria whose curves are drawn too.
+        theory: theoretical stability criteria, whose curves are also drawn.
     """
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.lines import Line2D
@@ -60,7 +60,7 @@ def plot_stability_map(
 
 
 def _draw_criterion(axes: Any, one: StabilityCriterion) -> list[Any]:
-    """Draw the curves of a criterion, and return its legend entries, if any."""
+    """Draw the curves of a theoretical criterion, and return the legend entries of these curves."""
     from matplotlib.lines import Line2D
 
     look: tuple[str, Any] = LINES.get(one.name, (BLUE, ":"))
@@ -80,7 +80,10 @@ def _label(axis: Axis) -> str:
 
 
 def _cell_means(region: StabilityMap) -> Any:
-    """Return for each finest cell (nx - 1, ny - 1) the mean success rate at the corners of the flown cell around it."""
+    """Return the success rate to draw in each cell of the finest grid (nx - 1, ny - 1).
+
+    This is the mean success rate at the corners of the simulated cell that contains the cell.
+    """
     grid = region.traced_boundary.grid()
     whole = np.empty((grid.shape[0] - 1, grid.shape[1] - 1))
     for i, j, size in region.traced_boundary.cells:

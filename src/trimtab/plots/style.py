@@ -22,20 +22,23 @@ ORANGE, PURPLE, SKY_BLUE = "#E69F00", "#CC79A7", "#56B4E9"
 SEVERAL = (BLUE, ORANGE, GREEN, PURPLE, SKY_BLUE, VERMILION, "#000000")
 DPI = 100
 PicturePath = str | os.PathLike[str] | None
-"""Path of a saved plot: PNG, or the format of the suffix, written atomically. None: not saved."""
+"""Path of the file in which a plot is saved, or None to save no file. The format is that of the suffix, PNG by default.
+The file is written atomically."""
 BINS = 600
-"""Number of bins of a line, about the width of a panel in pixels. Each bin keeps its extremes."""
+"""Number of bins into which a line is divided before it is drawn, about the width of a panel in pixels. Of each bin,
+only the extremes are drawn."""
 COLUMNS, TURNS, SWINGS, STRETCH = 100, 4, (0.2, 0.5), 15
-"""Criterion of chatter. A line is cut into COLUMNS columns. It chatters in STRETCH or more adjacent columns if it
-reverses at least TURNS times in each column, and if its range, as a fraction of the line's span, is at least the
-smaller of SWINGS in each column and at least the larger in half of the columns. A period is then a few pixels wide.
+"""Criterion of chatter, i.e. of an oscillation whose period is only a few pixels wide. A line is divided into COLUMNS
+columns. It chatters in STRETCH or more adjacent columns if it reverses at least TURNS times in each of these columns,
+and if its range, as a fraction of the line's span, is at least the smaller number of SWINGS in each of these columns
+and at least the larger number in half of them.
 """
 CHATTER = "chatter: range and mean"
-"""Legend entry of a range that is drawn instead of a line."""
+"""Legend entry for the range and the mean that are drawn instead of a chattering line."""
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """Create a white figure with a size in inches and a layout without overlaps."""
+    """Return a new white figure of the given size (inches), with a layout without overlaps."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=DPI, facecolor="white", layout="constrained")
@@ -49,7 +52,7 @@ def style_grid(axes: Any) -> None:
 
 
 def style_axes(axes: Any, title: str, note: str = "", unit: str = "") -> None:
-    """Style the panel of a signal: title on the left, note on the right, unit next to it."""
+    """Style the panel of a signal: title at the left, note at the right, and unit of the signal."""
     axes.set_title(title, loc="left", fontsize=10, weight="bold")
     axes.set_title(note, loc="right", fontsize=8, color=GREY)
     axes.set_ylabel(unit if unit != "1" else "", fontsize=9)
@@ -59,9 +62,10 @@ def style_axes(axes: Any, title: str, note: str = "", unit: str = "") -> None:
 
 
 def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest, the highest and the first missing point of each of `bins` parts of a line, and both ends.
+    """Return fewer points (m,), (m,) of a line (n,), (n,), which looks the same if drawn `bins` pixels wide.
 
-    Drawn at `bins` pixels, the plot looks the same. Shapes (n,) and (n,) become (m,) and (m,), m <= 3 bins + 2.
+    The line is divided into `bins` sections. Of each section, the lowest, the highest and the first missing point are
+    kept. The first and the last point of the line are also kept, so that m <= 3 bins + 2.
     """
     n = len(x)
     if n <= 4 * bins:
@@ -77,10 +81,10 @@ def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray
 
 
 def draw_line(axes: Any, t: np.ndarray, x: np.ndarray, *, logarithmic: bool = False, **look: Any) -> None:
-    """Draw a thinned line. Where the line would fill a solid block (chatter), draw its range, pale, and its mean.
+    """Draw a line (n,), (n,) with a reduced number of points.
 
-    Shapes (n,) and (n,).  logarithmic: scale on which chatter is judged.  look: options of `axes.plot`, including
-    color.
+    Where the line chatters and would fill a solid area, its range (pale) and its mean are drawn. logarithmic: True if
+    chatter is judged on a logarithmic scale.  look: options of `axes.plot`, including color.
     """
     x = np.asarray(x, np.float64)
     if len(x) > 4 * BINS:
@@ -99,13 +103,19 @@ def draw_line(axes: Any, t: np.ndarray, x: np.ndarray, *, logarithmic: bool = Fa
 
 
 def _column_ranges(x: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return lowest, highest and mean of each column of `size` points. A column with a missing point gives NaN."""
+    """Return the lowest value, highest value and mean of each column of `size` points.
+
+    The results of a column with a missing point are NaN.
+    """
     padded = np.append(x, np.full(-len(x) % size, x[-1])).reshape(-1, size)
     return padded.min(1), padded.max(1), padded.mean(1)
 
 
 def _chattering_columns(x: np.ndarray, size: int) -> np.ndarray:
-    """Return the columns in which a line chatters. A far-off start does not count in the line's span."""
+    """Return a mask of the columns in which a line chatters.
+
+    For the span of the line, the lowest and highest columns are ignored, because the line may start far away.
+    """
     low, high, _ = _column_ranges(x, size)
     known = np.isfinite(low) & np.isfinite(high)
     if not known.any():
@@ -124,19 +134,19 @@ def _chattering_columns(x: np.ndarray, size: int) -> np.ndarray:
 
 
 def has_chatter(axes: Any) -> bool:
-    """Return True if a chattering line was drawn in these axes."""
+    """Return True if a chattering line has been drawn in the axes."""
     return any(one.get_label() == CHATTER for one in axes.collections)
 
 
 def save_figure(
     figure: "Figure", path: PicturePath, title: str = "", note: str = "", *, title_size: float = 13
 ) -> "Figure":
-    """Write a title in the upper left corner, a note in the upper right, and save the figure if there is a path."""
+    """Add a title at the upper left and a note at the upper right, and save the figure if a path is given."""
     if title:
         figure.suptitle(title, fontsize=title_size, weight="bold", x=0.01, ha="left")
     if note:
         figure.text(0.99, 0.99, note, fontsize=10, color=GREY, ha="right", va="top")
-    figure.__dict__["_repr_png_"] = partial(_draw_png, figure)  # used by notebooks to display the figure
+    figure.__dict__["_repr_png_"] = partial(_draw_png, figure)  # notebooks use this to display the figure
     if path is None:
         return figure
     file, kinds = Path(path), figure.canvas.get_supported_filetypes()

@@ -1,4 +1,4 @@
-"""Plot of a swarm's run: the floor from above with the path of each craft, and the distances between craft."""
+"""Plot of a swarm's run: paths of all craft from above, and distances between craft over time."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 
 WIDTH, HEIGHT = 14.0, 7.0
 WAY_POINTS = 400
-"""Maximum number of drawn points of a craft's path."""
+"""Maximum number of points of a craft's path that are drawn."""
 NOSE = 0.45
 """Length of the mark that shows the direction of a craft's nose (m)."""
 
@@ -32,9 +32,9 @@ def plot_swarm(real: Log, ideal: Log | None = None, path: PicturePath = None, ti
     """Draw the paths of all craft from above, and their smallest spacing and largest position error over time.
 
     Args:
-        real: log of a run whose truth has north, east and heading of several craft.
-        ideal: the run to compare with, or None.
-        path: where to save, see `PicturePath`.
+        real: log of a run with north, east and heading of several craft in the true state.
+        ideal: log of the ideal run, drawn for comparison, or None.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
     """
     if "truth.north" not in real or real["truth.north"].ndim != 2:

@@ -1,6 +1,6 @@
-"""Plot of the tracking in a run: reference and flown signals, inputs, then unmeasured states with their estimates.
+"""Plot of the tracking in a run: reference and flown signals, inputs, and states that the estimator must find.
 
-The rows follow from the log's paths: a signal `law.X_reference` next to `truth.X` makes a row.
+The drawn signals are chosen by the paths in the log: X is drawn if the log contains `law.X_reference` and `truth.X`.
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -29,33 +29,34 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 WIDTH, ROW_HEIGHT, TOP = 14.0, 1.7, 0.7
 ROOM = 1.3
-"""Range of the axes, relative to the range of their content."""
+"""Range of the axes, as a multiple of the range of the drawn values."""
 ABOVE, INSET = 0.8, (0.4, 0.56, 0.59, 0.34)
-"""Free space above an error curve, relative to its range, and the inset's left, bottom, width, height in the axes."""
+"""Free space above an error curve, as a multiple of the curve's range, and position of an inset in the axes: left,
+bottom, width, height."""
 WITHOUT = "estimate.state.without_measurement"
-"""Path of an estimate made without measurements, for comparison with the estimator's error."""
+"""Log path of an estimate that uses no measurements. It is drawn for comparison with the estimator's error."""
 
 
 class SignalRow(NamedTuple):
-    """One signal: its name, and True if the estimator must find it (its estimate differs from the truth)."""
+    """Signal in a row of the plot. is_estimated: True if the estimate of the signal differs from the true value."""
 
     name: str
     is_estimated: bool
 
 
 def tracking_rows(log: Log) -> list[SignalRow]:
-    """Return tracked signals first, in the order of the log, then estimated signals."""
+    """Return the signals to draw: first the tracked signals, in the order of the log, then the estimated signals."""
     tracked = [referenced_signal(p) for p in log.paths if _is_reference(log, p)]
     rows = [SignalRow(name, _has_own_estimate(log, name)) for name in tracked]
     return sorted(rows, key=lambda row: row.is_estimated)
 
 
 def plot_tracking(log: Log, path: PicturePath = None, title: str = "Tracking") -> "Figure":
-    """Draw each tracked signal with its error. Inputs are between tracked and estimated signals.
+    """Draw the tracked signals with their errors, then the inputs, then the estimated signals.
 
     Args:
-        log: log of a run whose law logs `X_reference` for signals X of the truth.
-        path: where to save, see `PicturePath`.
+        log: log of a run whose law logs `X_reference` for signals X of the true state.
+        path: file in which the plot is saved, or None to save no file (`PicturePath`).
         title: title of the plot.
     """
     rows = tracking_rows(log)
@@ -94,7 +95,7 @@ def _is_reference(log: Log, path: str) -> bool:
 
 
 def _has_own_estimate(log: Log, name: str) -> bool:
-    """Return True if there is an estimate that differs from the truth by more than rounding."""
+    """Return True if the log contains an estimate that differs from the truth by more than rounding errors."""
     path = f"estimate.state.{name}"
     if path not in log:
         return False
@@ -129,9 +130,9 @@ def _draw_row(pair: Any, log: Log, row: SignalRow) -> None:
 
 
 def _sigma(log: Log, name: str) -> np.ndarray | None:
-    """Return the estimator's sigma: a signal of the state, or one element of a vector.
+    """Return the estimator's sigma of a state, which is logged as a signal or as an element of a vector.
 
-    The vector has the order in which the states of the model without measurement appear in the log.
+    The vector has the order in which the states of the estimate without measurements appear in the log.
     """
     path, several = f"estimate.state.sigma_{name}", "estimate.state.sigma"
     if path in log:
@@ -143,7 +144,7 @@ def _sigma(log: Log, name: str) -> np.ndarray | None:
 
 
 def _draw_error(axes: Any, log: Log, shown: list[tuple[np.ndarray, str]], sigma: np.ndarray | None = None) -> None:
-    """Draw errors, each with its colour, and the band of two sigmas. A far-off start is drawn in an inset."""
+    """Draw error curves in different colours, and the band of two sigmas. A start far outside is drawn in an inset."""
     band = [] if sigma is None else [-2 * sigma, 2 * sigma]
     end = _set_vertical_range(axes, log, *band, *(x for x, _ in shown))
     views = [(axes, slice(None))]
@@ -164,16 +165,17 @@ def _draw_error(axes: Any, log: Log, shown: list[tuple[np.ndarray, str]], sigma:
 
 
 def _signed_difference(log: Log, path: str, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return a - b, the short way round for angles."""
+    """Return a - b. For angles, return the difference wrapped to ±180 degrees."""
     off = a - b
     angle = path in log.declarations and log.declarations[path].kind == "angle"
     return np.angle(np.exp(1j * off)) if angle else off
 
 
 def _set_vertical_range(axes: Any, log: Log, *signals: np.ndarray, middle: bool = False) -> int:
-    """Set the vertical range from the run after its first twentieth, because a far-off start would hide the rest.
+    """Set the vertical range from all values except the first twentieth of the run.
 
-    Returns: row from which the last signal's start stays within the range, or 0 if it was never outside.
+    A start far outside would otherwise make the other values unreadable. Return the row from which on the last signal
+    is within the range, or 0 if it was never outside.
     """
     first = len(log) // 20
     late = np.concatenate([x[first:] for x in signals])
@@ -196,7 +198,7 @@ def _draw_input(axes: Any, log: Log, path: str) -> None:
 
 
 def _rms(log: Log, error: np.ndarray) -> str:
-    """Format the rms error after the first tenth of the run."""
+    """Return the text of the RMS error after the first tenth of the run."""
     late = error[len(log) // 10 :]
     if not np.isfinite(late).all():
         return "lost"

@@ -1,8 +1,8 @@
 """Blocks of a scenario that are compiled separately. Each block is a step function that is called once per instant.
 
-The blocks "autopilot" and "world" are the loop of `simulate`, split at the messages between them, frame and command.
-They compute in the same order and give the same numbers (docs page, Time). Uplink, failsafe and motion are blocks of
-the vehicle. A virtual vehicle and a microcontroller use them.
+The blocks "autopilot" and "world" together are the loop of `simulate`. They exchange frames (samples) and commands,
+compute in the same order as `simulate`, and produce the same numbers (docs page, Time). The blocks "uplink", "failsafe"
+and "motion" are parts of the program of a vehicle. A virtual vehicle and a microcontroller use these blocks.
 """
 
 import functools
@@ -32,7 +32,7 @@ from trimtab.run.inputs import RunInputs, leaf_paths, run_inputs
 from trimtab.run.kept_blocks import MOST_KEPT, Content, compile_kept
 
 UNLIMITED = 3e38
-"""Limit of commands without declared limits. Practically every finite float32 is within this limit."""
+"""Limit used for a command that declares no limits. Nearly every finite float32 is within this limit."""
 
 
 @record
@@ -50,14 +50,14 @@ class AutopilotOutput:
     command: Any = part("Command for the actuators.")
     estimate: Any = part("Output of the estimator.")
     law: Any = part("Output of the law.")
-    supervisor: Any = part("Output of the supervisor; empty without a supervisor.", default=())
-    predictor: Any = part("Output of the predictor; empty without a predictor.", default=())
-    monitor: Any = part("Output of the monitor for each formula; empty without a monitor.", default=())
+    supervisor: Any = part("Output of the supervisor, or empty without a supervisor.", default=())
+    predictor: Any = part("Output of the predictor, or empty without a predictor.", default=())
+    monitor: Any = part("Output of the monitor for each formula, or empty without a monitor.", default=())
 
 
 @record
 class LoopInput:
-    """Input of an exported closed loop at each step. Source: docs page, Export."""
+    """Input of an exported closed loop at each step: time and step length. Source: docs page, Export."""
 
     t: Any = quantity("100 ns", "Present time.", kind="time")
     h: Any = quantity("100 ns", "Time from this instant to the next.", kind="time")
@@ -65,7 +65,7 @@ class LoopInput:
 
 @record
 class WorldInput:
-    """Input of a world at each instant. Source: docs page, World step."""
+    """Input of a compiled world at each instant. Source: docs page, World step."""
 
     t: Any = quantity("100 ns", "Time of the last instant, at which the command was issued.", kind="time")
     h: Any = quantity("100 ns", "Time from the last instant to this instant.", kind="time")
@@ -74,40 +74,40 @@ class WorldInput:
         "1", "True if the vehicle is held in place, so that its true state doesn't change.", kind="flag"
     )
     fresh: Any = quantity("1", "True if the command is new at this instant.", kind="flag")
-    command: Any = part("Command.")
+    command: Any = part("Command of the autopilot.")
 
 
 @record
 class WorldOutput:
-    """Output of a world. Source: docs page, World step."""
+    """Output of a compiled world at each instant. Source: docs page, World step."""
 
     truth: Any = part("True state of the vehicle at this instant.")
     sensors: Any = part("Last sample of each sensor at this instant.")
-    downlink: Any = part("Frame at this instant: newest sample of each sensor received over its downlink.")
-    uplink: Any = part("Newest command received by the actuators, at the last instant.")
+    downlink: Any = part("Newest sample of each sensor that the autopilot has received at this instant.")
+    uplink: Any = part("Newest command that the actuators had received at the last instant.")
     actuators: Any = part("Output of the actuators since the last instant.")
     gust: Any = part(
-        "Gust velocity at the vehicle due to turbulence, at this instant; empty without turbulence.", default=()
+        "Gust velocity at the vehicle due to turbulence, at this instant, or empty without turbulence.", default=()
     )
 
 
 @record
 class UplinkParameters:
-    """Parameters of the step of an uplink. Source: docs page, Vehicle."""
+    """Parameters of the block "uplink". Source: docs page, Vehicle."""
 
-    uplink: Any = part("Channel of the uplink.")
+    uplink: Any = part("Channel from the radio link to the failsafe.")
     key: Any = part("Seed and run number, from which the random numbers are generated.")
 
 
 def has_stepped_vehicle(scenario: Scenario) -> bool:
-    """Return True if another program steps the scenario's vehicle, e.g. an FMU. Such a vehicle can't be compiled."""
+    """Return True if the scenario's vehicle is simulated by another program, i.e. an FMU. It can't be compiled."""
     return optional_member(scenario.world.vehicle, "is_stepped") is not None
 
 
 def hold_vehicle(scenario: Scenario) -> Scenario:
     """Return the scenario with its FMU vehicle marked as stepped by a host program.
 
-    A scenario without an FMU is not changed.
+    A scenario without an FMU is returned unchanged.
     """
     if not has_stepped_vehicle(scenario):
         return scenario
@@ -116,26 +116,30 @@ def hold_vehicle(scenario: Scenario) -> Scenario:
 
 
 def refuse_stepped_vehicle(scenario: Scenario) -> None:
-    """Raise InputError if the vehicle can't be compiled. Call this before all other checks."""
+    """Raise InputError if the scenario's vehicle is an FMU, which can't be compiled. Call this before all other
+    checks."""
     if has_stepped_vehicle(scenario):
         scenario.world.vehicle.dynamics(0.0, scenario.initial, None)
 
 
 def refuse_swarm(scenario: Scenario, end: str) -> None:
-    """Raise InputError if the vehicle is a swarm. end: name of the program that needs a single vehicle, "firmware"."""
+    """Raise InputError if the scenario's vehicle is a swarm.
+
+    end: name of the program that needs a single vehicle, e.g. "firmware", for the message.
+    """
     swarm = scenario.world.vehicle
     if isinstance(swarm, Swarm):
-        problem = f"{end} is for one vehicle, but this is a swarm of {swarm.count} craft, which no link supports"
-        fix = "use a scenario of one craft, e.g. hovercraft/forward. For one craft of the swarm as C code:"
+        problem = f"{end} is for one vehicle, but this is a swarm of {swarm.count} craft, which no radio link supports"
+        fix = "use a scenario of one craft, e.g. hovercraft/forward. To export one craft of the swarm as C code:"
         raise InputError(
             f"scenario {scenario.name!r}", problem, fix=f"{fix}  trimtab export FILE.py:function  (docs, Swarms)"
         )
 
 
 def message_structures(scenario: Scenario) -> tuple[Frame, Command]:
-    """Return examples of a scenario's frame and command, with every number zero.
+    """Return the structures of a scenario's frame and command, with every number zero.
 
-    Raise InputError if parts of the scenario are incompatible.
+    Raise InputError if parts of the scenario don't fit each other.
     """
     return _keep_structures(Content(hold_vehicle(scenario)))
 
@@ -148,9 +152,10 @@ def _keep_structures(content: Content) -> tuple[Frame, Command]:
 
 
 def carried_structures(scenario: Scenario) -> tuple[Frame, Command]:
-    """Return frame and command as a link carries them, with every number zero.
+    """Return the structures of the frame and command that a real link transmits, with every number zero.
 
-    The frame does not contain samples of a stick that a pilot moves at the autopilot. They do not cross the link.
+    The frame contains no samples of a stick that a pilot moves at the ground station, because the autopilot reads this
+    stick there.
     """
     scenario = add_stick_sensor(scenario)
     frame, command = message_structures(scenario)
@@ -161,7 +166,7 @@ def carried_structures(scenario: Scenario) -> tuple[Frame, Command]:
 def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> BlockDefinition:
     """Return the autopilot of a checked scenario as a block with input `Frame` and output `AutopilotOutput`.
 
-    seed, run: seed and run number for random numbers in the autopilot's initial state.
+    seed, run: seed and run number of the random numbers in the autopilot's initial state.
     """
     inputs = run_inputs(scenario, seed, run)
     frame, key = message_structures(scenario)[0], inputs.key
@@ -181,18 +186,18 @@ def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> Block
 
 
 def compile_autopilot(scenario: Scenario, *, seed: int = 0) -> CompiledBlock:
-    """Return a scenario's autopilot as a compiled step.
+    """Return a scenario's autopilot as a compiled block.
 
-    Raise InputError in the same cases as `export_c`, or if no C compiler is found.
+    Raise InputError if the autopilot cannot be exported (see `export_c`), or if no C compiler is found.
     """
     scenario.check()
     return compile_kept(autopilot_block, scenario, seed=seed)
 
 
 def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> BlockDefinition:
-    """Return the closed loop of a checked scenario as a block with input `LoopInput`. Its output are the signals.
+    """Return the closed loop of a checked scenario as a block with input `LoopInput` and the loop's signals as output.
 
-    always: periods of the blocks in the loop that are due at every instant.
+    always: periods of the parts of the loop that run at every instant.
     """
 
     def init(p: RunInputs) -> Any:
@@ -208,7 +213,7 @@ def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> 
 
 
 def _keep_logged(seen: Signals) -> Signals:
-    """Return the signals, with None in place of each signal that a log cannot contain, e.g. messages between craft."""
+    """Return the signals with None in place of signals that a log cannot contain, e.g. messages between craft."""
     logged = {path for path, _, _ in logged_signals(seen)}
     values, structure = jax.tree.flatten(seen)
     return structure.unflatten([v if p in logged else None for p, v in zip(leaf_paths(seen), values, strict=True)])
@@ -217,8 +222,8 @@ def _keep_logged(seen: Signals) -> Signals:
 def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
     """Check a scenario, and return its world as a block with input `WorldInput` and output `WorldOutput`.
 
-    A step advances the world by one instant. Its input contains the command of the last instant, its output the frame
-    of this instant.
+    A step advances the world from the last instant to this instant. The input contains the command of the last instant.
+    The output contains the frame of this instant.
     """
     scenario = add_stick_sensor(scenario)
     scenario.check()
@@ -252,7 +257,7 @@ def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
 
 
 def compile_world(scenario: Scenario, *, seed: int = 0) -> tuple[CompiledBlock, Frame, Command]:
-    """Return a scenario's compiled world, and examples of frame and command as a link carries them.
+    """Return a scenario's compiled world, and the structures of the frame and command that a real link transmits.
 
     Raise InputError if no C compiler is found.
     """
@@ -269,7 +274,7 @@ def timed_block(name: str, doc: str, block: Any, input: Any) -> BlockDefinition:
 
 
 def failsafe_block(failsafe: Failsafe, command: Command) -> BlockDefinition:
-    """Return a failsafe as a block. command: example with the structure of the commands."""
+    """Return a failsafe as a block. command: example of a command."""
     no, value = np.bool_(False), zeros_like(command.value)
     first = FailsafeInput(
         command=_no_sample(value), manual=value, takeover=no, radio=no, arm=no, disarm=no, breach=np.int32(0)
@@ -283,9 +288,9 @@ def failsafe_block(failsafe: Failsafe, command: Command) -> BlockDefinition:
 
 
 def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
-    """Return the failsafe of the scenario, else the failsafe of the command's record, else a default.
+    """Return the failsafe of the scenario or, if missing, that of the command's record, or else the default failsafe.
 
-    The default sets all commands to zero when no commands arrive, and accepts all finite numbers.
+    The default failsafe accepts all finite numbers, and sets all commands to zero when no commands arrive.
     """
     if isinstance(scenario.failsafe, Failsafe):
         return scenario.failsafe
@@ -299,9 +304,10 @@ def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
 
 
 def uplink_block(uplink: Any, command: Command, *, seed: int = 0) -> BlockDefinition:
-    """Return a channel between a link and the failsafe as a block. Input and output are one sample each.
+    """Return the channel between a real link and the failsafe as a block.
 
-    command: example with the structure of the commands.
+    The block's input is a sample with a received command, its output a sample with the command for the failsafe.
+    command: example of a command.
     """
     newest = _no_sample(zeros_like(command.value))
 
@@ -324,9 +330,9 @@ def _no_sample(value: Any) -> Sample:
 
 
 def motion_block(scenario: Scenario) -> BlockDefinition:
-    """Return the block that computes a vehicle's motion from its state, for displays.
+    """Return the block that computes a vehicle's motion from its state, e.g. for displays.
 
-    The block's inputs are `input.truth`, the state, and `input.u`, the vehicle's input.
+    The block has the inputs `input.truth` (state of the vehicle) and `input.u` (input of the vehicle).
     """
     inputs = run_inputs(hold_vehicle(scenario))
     s, _ = jax.eval_shape(inputs.initial_states)
@@ -340,9 +346,9 @@ def motion_block(scenario: Scenario) -> BlockDefinition:
 
 
 def place_block() -> BlockDefinition:
-    """Return the block that converts a position `p_WB` to latitude, longitude and height.
+    """Return the block that converts a position `p_WB` in the world frame W to latitude, longitude and height.
 
-    The parameters give the position of W on the globe. Source: docs page, Earth.
+    The block's parameters are the latitude and longitude of the origin of W. Source: docs page, Earth.
     """
 
     def step(p: Any, s: Any, now: Any) -> Any:
@@ -353,9 +359,9 @@ def place_block() -> BlockDefinition:
 
 
 def replace_links(scenario: Scenario) -> Scenario:
-    """Return the scenario with ideal channels instead of simulated channels, for a flight over a real link.
+    """Return the scenario with ideal channels in place of its simulated links, for a flight over a real link.
 
-    The real link has its own delays and losses. Faults of the channels are kept.
+    The real link has its own delays and losses. Faults of the simulated links are kept.
     """
     world = scenario.world
     downlink, uplink = _replace_with_wire(world.downlink), _replace_with_wire(world.uplink)

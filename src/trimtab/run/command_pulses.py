@@ -1,4 +1,4 @@
-"""Conversion of the numbers in a command to pulses for servos and speed controllers, on a board or other autopilot."""
+"""Conversion of a command to pulses for servos and speed controllers, on a microcontroller or another autopilot."""
 
 from typing import NamedTuple
 
@@ -14,14 +14,15 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.blocks import UNLIMITED, choose_failsafe
 
 MOST_OUTPUTS = 8
-"""Number of outputs in a message with servo outputs."""
+"""Number of servo outputs in a message for another autopilot."""
 
 
 class PulseOutput(NamedTuple):
-    """Output of a board for one number of the command.
+    """Pulse output of a board for one number of the command.
 
-    path, slot: the number's path in the command, and its index in an array, or None.  declared: declaration of the
-    number.  pulse: table from the number to the pulse width.  safe: width of the safe pulse (s).
+    path: path of the number in the command.  slot: index of the number in an array, or None for a scalar.  declared:
+    declaration of the number.  pulse: table of the pulse width over the number's value.  safe: width of the pulse that
+    is sent in the safe state (s).
     """
 
     path: str
@@ -32,28 +33,29 @@ class PulseOutput(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Return the output's name, e.g. rudder, speed[2]."""
+        """Return the name of the output, e.g. rudder or speed[2]."""
         return self.path if self.slot is None else f"{self.path}[{self.slot}]"
 
 
 def find_outputs(
     scenario: Scenario, command: Command, most: int = MOST_OUTPUTS, part: str = "firmware"
 ) -> list[PulseOutput]:
-    """Return an output for each number of a scenario's command, in the order of the numbers.
+    """Return one pulse output for each number of a scenario's command, in the order of the numbers.
 
     Args:
         scenario: scenario with the actuators.
-        command: example with the structure of the scenario's commands.
+        command: example of a command of the scenario.
         most: number of outputs of the board.
-        part: name of the caller, for errors.
+        part: name of the caller, for error messages.
 
-    The pulse table is the one that the actuators declare (`pulses`, ServoPulse, stops of a bank). Without it, the pulse
-    is linear from 1 to 2 ms between the limits of the number: those of the failsafe, else those of the vehicle
-    (`input_limits`), else those of the command's record. The safe pulse is that of the failsafe's safe value. Without
-    a failsafe, it is the pulse of the value nearest to zero, at which a motor stands still.
+    The pulse table is the one that the actuators declare (`pulses`, ServoPulse, stops of an ActuatorBank). If they
+    declare none, the pulse width is linear, from 1 ms at the lower limit of the number to 2 ms at the upper limit. The
+    limits are those of the failsafe, else those of the vehicle (`input_limits`), else those of the command's record.
+    The safe pulse corresponds to the failsafe's safe value. Without a failsafe, it corresponds to the value nearest to
+    zero, at which a motor does not turn.
 
     Raises:
-        InputError: a number has no known limits, or the command has more numbers than the board has outputs.
+        InputError: the limits of a number are unknown, or the command has more numbers than the board has outputs.
     """
     at_rest = {path: value for path, value, _ in leaves(choose_failsafe(scenario, command).safe)}
     outputs = list[PulseOutput]()
@@ -75,7 +77,7 @@ def find_outputs(
 
 
 def _find_pulse(scenario: Scenario, path: str, declared: Quantity, part: str) -> ServoPulse:
-    """Return the pulse table of the number at this path of the command."""
+    """Return the pulse table of the number at a path of the command."""
     known = optional_member(scenario.world.actuators, "pulses")()
     name = path.partition(".")[0]
     if name in known:
@@ -88,14 +90,14 @@ def _find_pulse(scenario: Scenario, path: str, declared: Quantity, part: str) ->
     low, high = (np.nan if end is None else float(end) for end in limits)
     if not (-UNLIMITED < low < high < UNLIMITED):
         kind = type(scenario.world.actuators).__name__
-        problem = f"{kind} declares no limits for {path!r} ({declared.unit}), so it has no pulse table"
+        problem = f"{kind} declares no limits for {path!r} ({declared.unit}), so the pulse table is unknown"
         fix = f'ActuatorBank(…, {{"{name}": ServoPulse(values=(low, high))}}) for actuators, or low= and high= where '
         raise InputError(part, problem, fix=f"{fix}the command's {name} is declared (docs, Servo pulses)")
     return linear_pulse(low, high)
 
 
 def describe_outputs(outputs: list[PulseOutput]) -> list[str]:
-    """Return a line of text for each output, as instructions for the wiring."""
+    """Return one line of text for each output, as wiring instructions for the user."""
     lines = list[str]()
     for k, o in enumerate(outputs):
         values, widths = np.asarray(o.pulse.values), 1e3 * np.asarray(o.pulse.widths)

@@ -1,7 +1,8 @@
-"""Simulation, in virtual time, of a scenario whose vehicle is an FMU. The rest of the loop is compiled.
+"""Simulation, in virtual time, of a scenario whose vehicle is an FMU. All other parts of the loop are compiled.
 
-The FMU's outputs at each instant are the true state. Sensors, links, autopilot and actuators are stepped with this
-state as in `simulate`. Then the FMU is stepped to the next instant. Its input is the actuators' output.
+The outputs of the FMU at each instant are the true state of the vehicle. Sensors, links, autopilot and actuators are
+stepped with this state as in `simulate`. Then the FMU is stepped to the next instant, with the actuators' output as
+its input.
 """
 
 from collections.abc import Mapping
@@ -40,7 +41,9 @@ MEASURED_STEPS = 300
 
 @record
 class SteppedWorldInput:
-    """Input of a world whose vehicle is stepped by a host program: the fields of `WorldInput`, `acts` and `truth`.
+    """Input of a compiled world whose vehicle is stepped by a host program.
+
+    The record has the fields of `WorldInput`, and the fields `acts` and `truth`.
 
     Source: docs page, FMU.
     """
@@ -53,7 +56,9 @@ class SteppedWorldInput:
     )
     fresh: Any = quantity("1", "True if the command is new at this instant.", kind="flag")
     command: Any = part("Latest command of the autopilot.")
-    acts: Any = quantity("1", "True if this step runs the actuators, False if it runs the sensors.", kind="flag")
+    acts: Any = quantity(
+        "1", "True if this step computes the actuators, False if it computes the sensors.", kind="flag"
+    )
     truth: Any = part("True state of the vehicle at this instant.")
 
 
@@ -68,12 +73,13 @@ class HostInput:
 def cosimulate(
     scenario: Scenario, *, seed: int = 0, run: int = 0, duration: int | None = None, log_period: int = ms(1)
 ) -> Log:
-    """Run a scenario whose vehicle is an FMU, and return its log. Arguments and result are those of `simulate`.
+    """Run a scenario whose vehicle is an FMU, and return the log. Arguments and result are those of `simulate`.
 
     Raises:
         InputError: the FMU is not trusted, does not start or rejects a step, or no C compiler is found.
 
-    If the FMU requests the end of the run before the scenario's duration, the log ends there and contains `ended_s`.
+    If the FMU requests the end of the run before the scenario's duration, the log ends at this time, and the metadata
+    contain the time as `ended_s`.
     """
     scenario, table, written = prepare_run(hold_vehicle(scenario), [seed], duration, log_period)
     inputs = run_inputs(scenario, seed, run)
@@ -94,7 +100,7 @@ def cosimulate(
 
 
 def _fly(loop: CompiledBlock, fmu: FmuInstance, table: Timetable, written: Any) -> tuple[Any, int]:
-    """Return the logged rows and the number of instants that were run. The FMU may request the end early."""
+    """Return the logged rows, and the number of instants that were run. The FMU may request an early end of the run."""
     truth = slot_indices(loop.reads, "truth.", len(loop.inputs))
     acting = slot_indices(loop.writes, "actuators.u.", len(loop.outputs))
     rows = list[Any]()
@@ -111,14 +117,17 @@ def _fly(loop: CompiledBlock, fmu: FmuInstance, table: Timetable, written: Any) 
 
 
 def slot_indices(where: Mapping[str, Any], prefix: str, size: int) -> Any:
-    """Return the indices, in a vector of length `size`, of all leaves whose path begins with `prefix`, in order."""
+    """Return the indices of all numbers whose path begins with `prefix`, in order.
+
+    where: path of a leaf -> its index or slice in a vector.  size: length of this vector.
+    """
     every = np.arange(size)
     found = [np.atleast_1d(every[at]) for path, at in where.items() if path.startswith(prefix)]
     return np.concatenate([np.zeros(0, np.intp), *found])
 
 
 def _host_block(inputs: RunInputs, always: frozenset[int]) -> BlockDefinition:
-    """Return the closed loop without its vehicle, as a block with input `HostInput` and the signals as output."""
+    """Return the closed loop without the vehicle as a block with input `HostInput` and the loop's signals as output."""
 
     def init(p: RunInputs) -> Any:
         return p.drop_derived_outputs(*p.initial_states(), always)
@@ -141,10 +150,10 @@ def _host_block(inputs: RunInputs, always: frozenset[int]) -> BlockDefinition:
 
 
 def prepare_world(scenario: Scenario, *, seed: int = 0) -> tuple[Any, Frame, Command]:
-    """Return the compiled world of a scenario, and examples of frame and command as a link carries them.
+    """Return a scenario's compiled world, and the structures of the frame and command that a real link transmits.
 
-    If the vehicle is an FMU, only the rest of the world is compiled. Raise InputError if no C compiler is found, or if
-    an FMU is not trusted.
+    If the vehicle is an FMU, only the other parts of the world are compiled. Raise InputError if no C compiler is
+    found, or if the FMU is not trusted.
     """
     if not has_stepped_vehicle(scenario):
         return compile_world(scenario, seed=seed)
@@ -176,7 +185,7 @@ class SteppedWorld:
         self._fmu, self._is_over = FmuInstance(self._fmu.vehicle), False
 
     def measure_steps(self, h: int) -> float:
-        """Return the 99th percentile of a step's computing time (s), then reset. h: length of a step (100 ns)."""
+        """Return the 99th percentile of a step's computing time (s), then reset the world. h: step length (100 ns)."""
         took = list[int]()
         for k in range(MEASURED_STEPS):
             self.inputs[self.reads["t"]], self.inputs[self.reads["h"]] = max(k - 1, 0) * h, h if k else 0
@@ -202,7 +211,10 @@ class SteppedWorld:
 
 
 def _stepped_block(scenario: Scenario, seed: int) -> BlockDefinition:
-    """Return a world without its vehicle. Each instant takes two steps: first the actuators, then the sensors."""
+    """Return a world without its vehicle as a block.
+
+    The block is stepped twice per instant: first for the actuators, then for the sensors.
+    """
     inputs = run_inputs(scenario, seed)
 
     def init(p: RunInputs) -> Any:

@@ -1,4 +1,4 @@
-"""Operating points of a vehicle, from the conditions of ``--at`` in `trimtab trim`, `linearise` and `zeros`."""
+"""Operating points of a vehicle that satisfy the conditions ``--at`` of `trimtab trim`, `linearise` and `zeros`."""
 
 import math
 import re
@@ -18,15 +18,15 @@ from trimtab.design.trim import Trim, idle_states, is_length, trim
 from trimtab.run.plant import Plant
 
 ZERO = 1e-12
-"""Magnitude below which a number of a trim is rounded to zero."""
+"""Magnitude below which a state or input of a trim point is rounded to zero."""
 
 
 class Conditions(NamedTuple):
     """Conditions of an operating point, by the names of states, inputs and outputs.
 
-    fixed: state or input -> value.  free: unknowns of the trim.  kept: states and inputs that keep their initial value.
-    loose: states whose derivative may have any value.  rates: state -> desired derivative.  outputs: output -> value.
-    bounds: unknown -> (low, high).
+    fixed: state or input -> desired value.  free: states and inputs that are unknowns of the trim.  kept: states and
+    inputs that keep their initial value.  loose: states whose derivative may have any value.  rates: state -> desired
+    derivative.  outputs: output -> desired value.  bounds: unknown -> lower and upper bound.
     """
 
     fixed: dict[str, float]
@@ -39,7 +39,7 @@ class Conditions(NamedTuple):
 
 
 def parse_conditions(plant: Plant, words: tuple[str, ...]) -> Conditions:
-    """Return the conditions that are typed as ``--at NAME=VALUE``."""
+    """Return the conditions that the user typed as ``--at NAME=VALUE``. words: the texts NAME=VALUE."""
     c = Conditions({}, set(), set(), set(), {}, {}, {})
     model = plant.model
     for word in words:
@@ -64,10 +64,10 @@ def parse_conditions(plant: Plant, words: tuple[str, ...]) -> Conditions:
 def find_point(plant: Plant, words: tuple[str, ...]) -> Trim:
     """Return the trim for ``--at``: at rest if possible, else level and straight flight, else any steady motion.
 
-    Inputs, and states other than positions, are free unless ``--at`` gives a value. All derivatives are zero, except
-    those of positions and of states on which no other state depends. These are zero, too, if such a trim exists. If the
-    vehicle has no equilibrium at rest and several trims satisfy ``--at``, level flight at the initial speed is chosen.
-    `Trim.taken` contains the conditions that were added for this.
+    Inputs, and states other than positions, are unknowns unless ``--at`` sets a value. All derivatives are zero, except
+    those of positions and of states on which no other state depends. If a trim exists for which these derivatives are
+    zero too, this trim is returned. If the vehicle has no equilibrium at rest and several trims satisfy ``--at``, level
+    flight at the initial speed is chosen. `Trim.taken` contains the conditions that were added for level flight.
     """
     c, model = parse_conditions(plant, words), plant.model
     idle = idle_states(model, plant.units) | plant.places
@@ -101,10 +101,10 @@ def find_point(plant: Plant, words: tuple[str, ...]) -> Trim:
 
 
 def _carried_states(plant: Plant) -> list[str]:
-    """Return the velocity and angle states that only record the motion, for a body that is carried along a path.
+    """Return the velocity and angle states that only record the motion of a body that is moved along a given path.
 
-    No other state depends on them. The list is empty if the vehicle's position depends on one of its velocities.
-    Recorded velocities are zero if the body stands still. They are never unknowns of a trim.
+    No other state depends on these states, so they are never unknowns of a trim. The list is empty if the vehicle's
+    position depends on one of its velocities. Recorded velocities are zero if the body is at rest.
     """
     model = plant.model
     speeds = {n for n in model.states if plant.units.get(n) == "m/s"}
@@ -120,29 +120,32 @@ def _carried_states(plant: Plant) -> list[str]:
 
 
 def _refuse_carried(plant: Plant, c: Conditions, carried: list[str]) -> None:
-    """Raise InputError if ``--at`` sets a state that only records the motion, or an output of such a vehicle."""
+    """Raise InputError if ``--at`` sets a state that only records the motion, or an output of such a vehicle.
+
+    carried: states that only record the motion.
+    """
     model = plant.model
     said = {*c.fixed, *c.free, *c.kept, *c.rates, *c.outputs}
     asked = [n for n in (*carried, *model.outputs) if n in said and (n in carried or n not in model.states)]
     if carried and asked:
         causes = [n for n in (*model.states, *model.inputs) if n not in carried and n not in plant.places]
         near = next((n for n in causes if plant.units.get(n) in ("m/s", "rad/s")), causes[0])
-        problem = "is only recorded: no other state of this vehicle depends on it"
+        problem = "cannot be set, because it only records the motion: no other state of this vehicle depends on it"
         fix = argument("at", "VALUE", near)
         raise InputError(argument_name("at", asked[0]), problem, choices=causes, fix=fix)
 
 
 def _is_moving(plant: Plant, point: Trim) -> bool:
-    """Return True if the vehicle moves at the trim, according to its output or state of the speed."""
+    """Return True if the vehicle's speed at the trim is not zero."""
     y = dict(zip(plant.model.outputs, plant.model.evaluate(point.x, point.u)[1].tolist(), strict=True))
     y |= dict(zip(plant.model.states, point.x.tolist(), strict=True))
     return bool(y.get(plant.flight().get("speed", ""), 0.0) > STANDS)
 
 
 def _still_states(plant: Plant, c: Conditions, loose: list[str]) -> tuple[set[str], set[str]]:
-    """Return the states of `loose` that are constant at rest, and the states of `loose` constant in straight flight.
+    """Return two sets of states: those in `loose` that are constant at rest, and those constant in straight flight.
 
-    The first set is empty if the conditions require a motion, the second if they require a rate.
+    The first set is empty if the conditions require a motion. The second set is empty if they require a rate.
     """
     stay = {n for n in loose if n not in c.loose}
     moves = any(v and plant.units.get(n) in ("m/s", "rad/s") for n, v in c.fixed.items() if n in plant.model.states)
@@ -152,10 +155,10 @@ def _still_states(plant: Plant, c: Conditions, loose: list[str]) -> tuple[set[st
 
 
 def _find_level(plant: Plant, c: Conditions, model: StateSpaceModel, **wanted: Any) -> Trim | None:
-    """Return the trim of level flight at the initial speed and heading, or None. Conditions of ``--at`` have priority.
+    """Return the trim of level flight at the initial speed and heading, or None if no such trim is found.
 
-    If no such trim exists, allow a roll angle, then also sideslip, then also climb. A torpedo, for example, rolls due
-    to the torque of its propeller.
+    Conditions of ``--at`` have priority. If level flight without roll is impossible, a roll angle is allowed, then also
+    sideslip, then also climb. A torpedo, for example, rolls because of the torque of its propeller.
     """
     names = plant.flight()
     level = _level_conditions(plant, c, names)
@@ -178,9 +181,9 @@ def _find_level(plant: Plant, c: Conditions, model: StateSpaceModel, **wanted: A
 
 
 def _level_conditions(plant: Plant, c: Conditions, names: Mapping[str, str]) -> dict[str, float]:
-    """Return the conditions of level flight at the initial speed: state or output -> value, unless ``--at`` sets it.
+    """Return the conditions of level flight at the initial speed: state or output -> value.
 
-    Return {} if the initial state is at rest.
+    A state or output that ``--at`` sets is left out. Return {} if the initial state is at rest.
     """
     model = plant.model
     known = dict(zip(model.outputs, model.evaluate(model.x0, model.u0)[1].tolist(), strict=True))
@@ -197,9 +200,9 @@ def _level_conditions(plant: Plant, c: Conditions, names: Mapping[str, str]) -> 
 
 
 def _holding_inputs(model: StateSpaceModel, x: Any, u: Any, c: Conditions, free: list[str]) -> dict[str, float]:
-    """Return the initial guess of the free inputs: those that best keep the initial state constant, to first order.
+    """Return an initial guess of the free inputs: the inputs that best keep the initial state constant, to first order.
 
-    From an initial guess of zero, e.g. stopped rotors, the search would find a steady fall.
+    From an initial guess of zero, e.g. stopped rotors, the search could find a steady fall.
     """
     x0, u0 = model.point(x, u)
     slope = model.slopes(x0, u0)[1]
@@ -211,14 +214,15 @@ def _holding_inputs(model: StateSpaceModel, x: Any, u: Any, c: Conditions, free:
 
 
 def linearise_at(plant: Plant, point: Trim) -> LinearModel:
-    """Return the linear model of deviations from a trim."""
+    """Return the linear model of the vehicle's deviations from a trim point."""
     return linearise(smooth_model(plant, point))
 
 
 def smooth_model(plant: Plant, point: Trim, outputs: tuple[str, ...] = ()) -> StateSpaceModel:
-    """Return the model of deviations from a trim, without outputs that are not differentiable there.
+    """Return the model of the vehicle's deviations from a trim point, without outputs that are not differentiable
+    there.
 
-    Raise InputError if such an output is in `outputs`.
+    outputs: outputs that the caller needs. Raise InputError if one of these is not differentiable.
     """
     model = plant.error(*(np.where(np.abs(v) < ZERO, 0.0, v) for v in (point.x, point.u)))
     lacking = unsmooth_outputs(model)
@@ -226,13 +230,18 @@ def smooth_model(plant: Plant, point: Trim, outputs: tuple[str, ...] = ()) -> St
     if asked:
         near = [n for n in model.outputs if n not in lacking]
         leave, choose = argument("outputs", [asked[0]]), argument("at", "VALUE", asked[0])
-        fix = f"leave {leave} out, or choose another point:  {choose}"
-        raise InputError(argument_name("outputs", asked[0]), f"has no slope {lacking[asked[0]]}", choices=near, fix=fix)
+        fix = f"leave {leave} out, or choose another trim point:  {choose}"
+        raise InputError(
+            argument_name("outputs", asked[0]),
+            f"is not differentiable, because {lacking[asked[0]]}",
+            choices=near,
+            fix=fix,
+        )
     return model.keep(outputs=[n for n in model.outputs if n not in lacking]) if lacking else model
 
 
 def format_value(plant: Plant, name: str, value: float) -> str:
-    """Return the text of a number with its unit. Angles are in degrees."""
+    """Return the text of a state's, input's or output's value with its unit. Angles are in degrees."""
     unit = plant.units.get(name, "")
     value = 0.0 if abs(value) < 1e-12 else value
     if unit in ("rad", "rad/s"):
@@ -241,7 +250,7 @@ def format_value(plant: Plant, name: str, value: float) -> str:
 
 
 def _steady_states(plant: Plant, idle: set[str]) -> set[str]:
-    """Return the states that keep their value unless ``--at`` frees them: idle states, and positions."""
+    """Return the states that keep their initial value unless ``--at`` makes them free: idle states and positions."""
     lengths = {n for n in plant.model.states if is_length(plant.units.get(n, ""))}
     return idle | lengths
 
@@ -258,7 +267,9 @@ def _add_condition(c: Conditions, plant: Plant, name: str, text: str, is_rate: b
     if text in ("free", "fixed"):
         if not is_unknown:
             fix = argument("at", "NUMBER", name)
-            raise InputError(argument_name("at", name), "is an output, which can be neither free nor fixed", fix=fix)
+            raise InputError(
+                argument_name("at", name), "is an output, and only states and inputs can be free or fixed", fix=fix
+            )
         (c.free if text == "free" else c.kept).add(name)
     elif ".." in text:
         low, high = (parse_amount(plant, argument_name("at", name), part, name) for part in text.split("..", 1))
@@ -271,9 +282,10 @@ def _add_condition(c: Conditions, plant: Plant, name: str, text: str, is_rate: b
 
 
 def parse_amount(plant: Plant, part: str, text: str, name: str, *, per_second: bool = False) -> float:
-    """Read a value of a state, input or output, or of its rate, and convert it to the vehicle's unit.
+    """Return the value of a state, input or output, or of a rate, from a text, in the unit that the vehicle uses.
 
-    A number without unit is in the vehicle's unit already.
+    A number without a unit is assumed to be in the vehicle's unit.
+    part: name of the argument in error messages.  per_second: True for the rate of the quantity.
     """
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?", text)
     if match is None:

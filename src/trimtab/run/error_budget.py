@@ -1,4 +1,4 @@
-"""Error budget: the cost of each imperfection, from flights without it and from flights with this imperfection alone.
+"""Error budget: effect of each imperfection on errors, from flights without and flights only with this imperfection.
 
 Source: docs page, Error budget.
 """
@@ -24,22 +24,22 @@ from trimtab.run.walk_structure import signal_structure
 from trimtab.scenarios.build import find_scenario
 
 ALL, NONE = "all", "none"
-"""Name of the set of flights with all imperfections, and name of the set with none."""
+"""Names of the set of flights with all imperfections ("all") and of the set without imperfections ("none")."""
 NAVIGATION_FIELDS = {
     "position": ("north", "east"),
     "velocity": ("surge_velocity", "sway_velocity"),
     "heading": ("heading",),
 }
-"""Measure -> fields of the estimate that are compared with the true state."""
+"""Name of a navigation error -> fields of the estimate that are compared with the true state."""
 UNITS = {"position error": "m", "velocity error": "m/s", "heading error": "rad"}
 
 
 class Cost(NamedTuple):
-    """Cost of one imperfection. A measure is the RMS of an error over runs and instants.
+    """Effect of one imperfection on the measures. A measure is the RMS of an error over runs and instants.
 
-    without, alone: measure -> its value and the standard error of this value, from flights with all other
-    imperfections, and from flights with this imperfection alone. If a run has no valid estimate, the measures of the
-    estimate are infinite.
+    without: measure -> value and standard error, from flights with all imperfections except this one.  alone: measure
+    -> value and standard error, from flights with this imperfection only. If a run has no valid estimate, the measures
+    of the estimate's errors are infinite.
     """
 
     name: str
@@ -48,10 +48,11 @@ class Cost(NamedTuple):
 
 
 class ErrorBudget(NamedTuple):
-    """Costs of all imperfections. Their sum may differ from the total, because imperfections interact.
+    """Effects of all imperfections. Their sum may differ from the total, because imperfections interact.
 
-    units: unit of each measure.  whole: measures with all imperfections.  least: measures without imperfections.
-    costs: costs of the imperfections, the largest first.
+    units: name of a measure -> unit.  whole: name of a measure -> value and standard error, with all imperfections.
+    least: name of a measure -> value and standard error, without imperfections.  costs: effects of the imperfections,
+    the largest first.
     """
 
     units: Mapping[str, str]
@@ -69,29 +70,32 @@ def error_budget(
     tell: Callable[[str], None] = lambda done: None,
     backend: str = "auto",
 ) -> ErrorBudget:
-    """Fly a scenario with all its imperfections, with all except one (for each), with only one (for each), with none.
+    """Return the effect of each imperfection of a scenario on its errors.
+
+    The scenario is flown with all imperfections, with none, and, for each imperfection, with all except this one and
+    with this one only.
 
     >>> from trimtab import build, error_budget
     >>> budget = error_budget(build("hovercraft/spin", {"duration": "1 s"}), seeds=range(2), names=["dead-zone"])
     >>> [cost.name for cost in budget.costs]
     ['dead-zone']
 
-    The measures are errors over the second half of each run: the deviation of signals from the scenario's targets, and
-    the deviation of a navigation estimate from the true state at the same time.
+    The measures are RMS errors in the second half of each run: the deviations of signals from the scenario's targets,
+    and the deviations of a navigation estimate from the true state at the same time.
 
     Args:
-        scenario: the scenario, or its name.
+        scenario: scenario, or name of a scenario.
         seeds: seeds of the runs. Every set of flights has the same seeds, so that only the imperfections differ.
         names: names of imperfections. Empty: all imperfections of the scenario.
-        tell: function called with the name of each set of flights after the set has been flown.
+        tell: function that is called after each set of flights, with the name of the set.
         backend: backend, as in `simulate`.
 
-        Raises: InputError if the scenario lacks a named imperfection, or has nothing to measure.
+    Raises: InputError if the scenario does not have a named imperfection, or has neither targets nor an estimate.
     """
     scenario = find_scenario(scenario)
     chosen, known = list(seeds), scenario.imperfections()
     if not chosen:
-        raise InputError("error_budget", "at least one seed is needed", fix="give one or more, e.g. range(20)")
+        raise InputError("error_budget", "at least one seed is needed", fix="use e.g. seeds=range(20)")
     names = list(names) or sorted(known)
     for name in names:
         scenario.without(name)  # raises InputError for an unknown name
@@ -131,14 +135,14 @@ def error_budget(
 
 
 def flight_set_count(scenario: Scenario, names: Iterable[str] = ()) -> int:
-    """Return the number of sets of flights of an error budget. `error_budget` calls `tell` once for each."""
+    """Return the number of sets of flights in an error budget. `error_budget` calls `tell` once for each set."""
     return 2 + 2 * len(list(names) or scenario.imperfections())
 
 
 def cost_share(budget: ErrorBudget, cost: Cost, measure: str) -> float:
-    """Return an imperfection's share of the total mean square error.
+    """Return the share of an imperfection in the total mean square error.
 
-    It is negative if the imperfection reduces the error, and NaN if a measure is infinite.
+    The share is negative if the imperfection reduces the error, and NaN if a measure is infinite.
     """
     whole, without = budget.whole[measure][0], cost.without[measure][0]
     if not (np.isfinite(whole) and np.isfinite(without)):
@@ -147,7 +151,7 @@ def cost_share(budget: ErrorBudget, cost: Cost, measure: str) -> float:
 
 
 def _is_measurable(scenario: Scenario) -> bool:
-    """Return True if a scenario has targets, or an estimate with sigmas to compare with the truth. Nothing is flown."""
+    """Return True if a scenario has targets, or an estimate with standard deviations to compare with the true state."""
     if scenario.targets:
         return True
     _, autopilot = jax.eval_shape(run_inputs(scenario).initial_states)
@@ -157,8 +161,8 @@ def _is_measurable(scenario: Scenario) -> bool:
 
 
 def _refuse_scenario(scenario: Scenario) -> None:
-    problem = "has neither targets nor an estimate with sigmas to compare with the truth: there is nothing to measure"
-    fix = "give the scenario targets=(Target(…),), or use another scenario: trimtab budget hovercraft/forward"
+    problem = "has neither targets nor an estimate with standard deviations (sigma_…), so no error can be measured"
+    fix = "add targets=(Target(…),) to the scenario, or use another scenario: trimtab budget hovercraft/forward"
     raise InputError(f"scenario {scenario.name!r}", problem, fix=fix)
 
 
@@ -182,7 +186,7 @@ def _compute_measures(logs: list[Log], scenario: Scenario) -> dict[str, tuple[fl
 
 
 def _root_mean_square(squares: Any) -> tuple[float, float]:
-    """Return the RMS over all runs, and its standard error. squares: mean square of each run (n,)."""
+    """Return the RMS error over all runs, and the standard error of this RMS. squares: mean square of each run (n,)."""
     mean, n = float(squares.mean()), len(squares)
     root = float(np.sqrt(mean))
     if n < 2 or root == 0.0 or not np.isfinite(root):

@@ -1,4 +1,4 @@
-"""Parameters that can be fitted to flights: settings of vehicle and actuators with their bounds, and a delay."""
+"""Parameters that can be fitted to logs of flights: settings of vehicle and actuators, and a delay, with bounds."""
 
 import math
 from collections.abc import Sequence
@@ -13,12 +13,15 @@ from trimtab.core.suggestions import closest
 from trimtab.loop.scenario import Scenario
 
 DELAY = "delay"
-"""Name of the delay parameter: the time (s) from a logged command to its effect, including clock differences."""
+"""Name of the fit parameter for the time (s) from a logged command to its effect, including differences of clocks."""
 LONGEST_DELAY = 0.5
 
 
 class FitParameter(NamedTuple):
-    """Parameter to fit. path: path of a setting, or "delay".  start: initial value in the fit.  low, high: bounds."""
+    """Parameter to fit.
+
+    path: path of a setting, or "delay".  start: initial value of the fit.  low, high: bounds of the fitted value.
+    """
 
     path: str
     unit: str
@@ -28,7 +31,7 @@ class FitParameter(NamedTuple):
 
 
 def find_parameters(scenario: Scenario, paths: Sequence[str]) -> tuple[Scenario, tuple[FitParameter, ...]]:
-    """Return the scenario, with the optional parts that contain the parameters, and the parameters at these paths.
+    """Return the parameters at the given paths, and the scenario with all optional parts that these parameters need.
 
     Raise InputError if a path is not a numeric parameter of the vehicle or its actuators.
     """
@@ -50,8 +53,12 @@ def find_parameters(scenario: Scenario, paths: Sequence[str]) -> tuple[Scenario,
         value, declared = real[base]
         assert isinstance(declared, Quantity)
         if not has_index(np.shape(value), at):
-            fix = f"{argument('paths', [first_number(base, np.shape(value))])}, for its first number"
-            raise InputError(argument_name("paths", path), f"has shape {np.shape(value)}", fix=fix)
+            fix = f"{argument('paths', [first_number(base, np.shape(value))])}, for the first element"
+            raise InputError(
+                argument_name("paths", path),
+                f"has shape {np.shape(value)}, so the index of one element is needed",
+                fix=fix,
+            )
         value = np.asarray(value, np.float64)[at or ()]
         low, high = _bounds(declared)
         parameters.append(FitParameter(path, declared.unit, float(value), low, high))
@@ -69,7 +76,7 @@ def _bounds(declared: Quantity) -> tuple[float, float]:
 
 
 def find_scale(p: FitParameter) -> float:
-    """Return the scale of a parameter in the search: a tenth of its initial value, or a typical size for its unit."""
+    """Return the step size of a parameter in the fit: a tenth of its initial value or, for zero, a value by unit."""
     if p.path == DELAY:
         return 0.01
     return 0.1 * abs(p.start) if p.start else {"rad": 0.02, "m": 0.01}.get(p.unit, 0.003)

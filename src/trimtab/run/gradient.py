@@ -1,4 +1,4 @@
-"""Gradients of the cost of a whole run with respect to parameters. The compiled loop computes them with the state."""
+"""Gradients of the cost of a run with respect to parameters, by forward differentiation in the compiled loop."""
 
 import functools
 from collections.abc import Callable, Iterable, Mapping
@@ -23,11 +23,11 @@ Cost = Callable[[Signals], Any]
 
 
 class Gradient(NamedTuple):
-    """Cost of one run and its derivatives.
+    """Cost of one run, and derivatives of the cost.
 
     cost: integral of the running cost over the run (unit of the running cost x s).  slope: path of a parameter ->
-    derivative of the cost, in the shape of the parameter. If the loop switches depending on data, the cost as a
-    function of a parameter may jump. The derivative does not include such jumps.
+    derivative of the cost, in the shape of the parameter. If the loop contains switches, the cost may jump when a
+    parameter changes. The derivative does not include such jumps.
     """
 
     cost: float
@@ -37,18 +37,20 @@ class Gradient(NamedTuple):
 def gradient(
     scenario: Scenario, cost: Cost, paths: tuple[str, ...], *, seed: int = 0, duration: int | None = None
 ) -> Gradient:
-    """Return the integral of a running cost over one run, and its derivatives, by forward mode in C.
+    """Return the integral of a running cost over one run, and the derivatives of this integral by parameters.
+
+    The derivatives are computed in C, by automatic differentiation in forward mode.
 
     Args:
-        scenario: the scenario. It is checked completely before the run.
-        cost: running cost: signals of an instant (`loop.walk.Signals`) -> scalar, in JAX, e.g.
-            ``lambda s: s.truth.yaw_rate**2``. Define the function once: each new function is compiled again.
+        scenario: scenario. It is checked completely before the run.
+        cost: running cost, a JAX function from the signals of an instant (`loop.walk.Signals`) to a scalar, e.g.
+            ``lambda s: s.truth.yaw_rate**2``. Define the function only once, because each new function is compiled.
         paths: paths of parameters that are real numbers, e.g. ("autopilot.law.k1", "autopilot.law.k2").
         seed: seed of the random numbers.
         duration: duration of the run, integer time. None: the scenario's duration.
 
     Raises:
-        InputError: as `simulate`; also if a path does not name a real parameter, or if no C compiler is found.
+        InputError: as for `simulate`. Also if a path is not that of a real parameter, or if no C compiler is found.
     """
     scenario, table, _ = prepare_run(scenario, [seed], duration, ms(1))
     inputs = run_inputs(scenario, seed)
@@ -61,9 +63,9 @@ def gradient(
 
 
 class Gradients(NamedTuple):
-    """Costs of n runs and their derivatives. costs: k costs of each run (n, k).
+    """Costs of n runs, and derivatives of the costs.
 
-    slopes: derivatives of the costs with respect to d parameters (n, k, d).
+    costs: k costs of each run (n, k).  slopes: derivatives of the costs by d parameters (n, k, d).
     """
 
     costs: Any
@@ -81,16 +83,16 @@ def gradients(
     since: tuple[int, ...] = (0,),
     threads: int | None = None,
 ) -> Gradients:
-    """Return costs and derivatives of many runs, which differ in random numbers and parameters. See `gradient`.
+    """Return costs of many runs, and the derivatives of the costs. The runs differ in random numbers and parameters.
 
     Args:
-        scenario: the scenario.
-        cost: running costs: function from the signals of an instant to (k,), in JAX. Define the function once, as for
-            `gradient`.
-        along: parameters with respect to which the costs are differentiated. Each is a path and the index of one
-            number, () for a scalar.
+        scenario: scenario.
+        cost: running costs, a JAX function from the signals of an instant to an array (k,). Define the function only
+            once, as for `gradient`.
+        along: parameters by which the costs are differentiated. Each entry is a path and the index of one element of
+            the parameter, () for a scalar.
         seeds, runs: seed and run number of each run, which together select its random numbers.
-        spread: path of a parameter -> its values (n, …), as in `simulate_batch`.
+        spread: path of a parameter -> values of the parameter in n runs (n, …), as in `simulate_batch`.
         since: start time of the integral of each of the k costs (100 ns).
         threads: number of threads. None: the number of cores.
     """
@@ -121,7 +123,10 @@ def _fly_directions(
     directions: Any,
     threads: int | None,
 ) -> Any:
-    """Return costs and their derivatives (runs x directions, 2 k). Each run is flown once for each direction."""
+    """Return the costs and the derivatives of the costs (runs x directions, 2 k).
+
+    Each run is flown once for each direction in the space of the parameters.
+    """
     of = walk_structure(inputs, table.always, ())
     count = len(of.shapes)
     varying = frozenset(own) | frozenset(range(count, count + len(at)))
@@ -138,9 +143,9 @@ def _fly_directions(
 
 
 def _find_parameters(inputs: RunInputs, paths: tuple[str, ...]) -> tuple[tuple[int, ...], list[tuple[int, ...]]]:
-    """Return the positions of parameters among the inputs, and their shapes.
+    """Return the positions of parameters among the inputs of a run, and the shapes of the parameters.
 
-    Raise InputError if a path does not name a real parameter.
+    Raise InputError if a path is not that of a real parameter.
     """
     known, values = leaf_paths(inputs), jax.tree.leaves(inputs)
     real = [p for p, v in zip(known, values, strict=True) if np.asarray(v).dtype == np.float64]
@@ -157,9 +162,10 @@ def _find_parameters(inputs: RunInputs, paths: tuple[str, ...]) -> tuple[tuple[i
 
 @functools.lru_cache(maxsize=16)
 def _lower_dual(of: WalkStructure, at: tuple[int, ...], cost: Cost, since: tuple[int, ...]) -> WalkProgram:
-    """Return the program that steps cost, state and their derivatives along a direction in the space of the parameters.
+    """Return a program that steps cost and state of a run together with their derivatives.
 
-    Its inputs are the inputs of the run and this direction.
+    The derivatives are along one direction in the space of the parameters. The inputs of the program are the inputs of
+    the run and this direction.
     """
     example = jax.tree.leaves(of.zero_inputs())
     dual = _DualRun(of.tree, of.always, at, cost, since)
@@ -170,7 +176,10 @@ def _lower_dual(of: WalkStructure, at: tuple[int, ...], cost: Cost, since: tuple
 
 
 class _DualRun:
-    """Run together with its derivative along a direction. Values that are not real numbers have no derivative."""
+    """Run, together with the derivatives of cost and state along one direction in the space of the parameters.
+
+    Only real numbers have a derivative.
+    """
 
     def __init__(
         self, tree: Any, always: frozenset[int], at: tuple[int, ...], cost: Cost, since: tuple[int, ...]
@@ -185,7 +194,7 @@ class _DualRun:
         return jax.tree.unflatten(self.tree, mine)
 
     def split(self, state: Any) -> tuple[list[Any], list[Any]]:
-        """Return the real leaves of a state, and its other leaves. Store the structure for `join_leaves`."""
+        """Return the real numbers in a state, and all other values. Store the state's structure for `join_leaves`."""
         values, tree = jax.tree.flatten(state)
         real = [np.issubdtype(jax.numpy.result_type(v), np.floating) for v in values]
         self.structure = tree, real

@@ -1,4 +1,4 @@
-"""Inputs of a run: numbers of world, autopilot, initial state and random key. Some may differ between runs."""
+"""Inputs of a run: all numbers of world, autopilot, initial state and random key. Some may differ from run to run."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -19,7 +19,7 @@ from trimtab.run.program import check_seed
 
 @record
 class RunInputs:
-    """Inputs of a run, as numbers of fixed types. Source: docs page, Simulate."""
+    """Inputs of a run, as arrays of fixed data types. Source: docs page, Simulate."""
 
     world: Any = part("Vehicle, sensors, links and actuators.")
     autopilot: Any = part("Autopilot: estimator, law and allocation.")
@@ -31,10 +31,9 @@ class RunInputs:
         return start(self.world, self.autopilot, self.initial, self.key)
 
     def drop_derived_outputs(self, s: Any, a: Any, always: frozenset[int]) -> tuple[WorldState, AutopilotState]:
-        """Return the states of world and autopilot without outputs that the loop can compute again, see `loop.walk`.
+        """Return the states of world and autopilot without outputs that are recomputed at every instant.
 
-        s, a: states of world and autopilot.  always: periods of the blocks that are due at every
-        instant.
+        s, a: states of world and autopilot.  always: periods of the blocks that are computed at every instant.
         """
         return drop_derived_outputs(self.world, self.autopilot, s, a, always)
 
@@ -50,32 +49,33 @@ def run_inputs(scenario: Scenario, seed: int = 0, run: int = 0) -> RunInputs:
 
 
 def noise_words(scenario: Scenario, numbers: Any) -> Any:
-    """Return the second words of the random keys of runs with these numbers (…).
+    """Return the second part of the random keys of runs. numbers: run numbers, an array of any shape (…).
 
-    If the scenario has no random key words, they are the run numbers themselves. If it has m words, they are its words
-    plus the run number, (…, m). Run 0 then has the scenario's words, and every other run has different noise.
+    For a scenario without `words`, this part is the run number. For a scenario with m `words`, it is an array (…, m) of
+    these words plus the run number. Then run 0 has the noise that the words select, and every other run has different
+    noise.
     """
     numbers = np.asarray(numbers, np.uint32)
     return numbers[..., None] + np.asarray(scenario.words, np.uint32) if len(scenario.words) else numbers
 
 
 def leaf_paths(tree: Any) -> list[str]:
-    """Return the dotted path of each leaf, in the order of JAX, as in a log: world.vehicle.mass, …, key.run."""
+    """Return the path of each leaf of a tree, in JAX's order of leaves, e.g. world.vehicle.mass."""
     named = jax.tree_util.tree_flatten_with_path(tree)[0]
     return [jax.tree_util.keystr(keys, simple=True, separator=".") for keys, _ in named]
 
 
 def flat_inputs(inputs: RunInputs, own: frozenset[int] = frozenset()) -> Any:
-    """Return the inputs that all runs share as a vector, float64, in the order of the compiled library.
+    """Return the inputs that are equal in all runs as a vector, float64, in the order that the compiled library needs.
 
-    own: positions of the inputs that differ between runs.
+    own: positions, among the leaves, of the inputs that differ from run to run.
     """
     shared = [np.ravel(v).astype(np.float64) for i, v in enumerate(jax.tree.leaves(inputs)) if i not in own]
     return np.concatenate([np.zeros(0), *shared])
 
 
 def input_position(inputs: RunInputs, path: str) -> int:
-    """Return the index in `flat_inputs(inputs)` of the first number of the input at a path."""
+    """Return the index, in the vector `flat_inputs(inputs)`, of the first number of the input with this path."""
     sizes = [int(np.size(v)) for v in jax.tree.leaves(inputs)]
     return sum(sizes[: leaf_paths(inputs).index(path)])
 
@@ -83,9 +83,9 @@ def input_position(inputs: RunInputs, path: str) -> int:
 def own_inputs(
     inputs: RunInputs, seeds: list[int], runs: Iterable[int] | None = None, spread: Mapping[str, Any] | None = None
 ) -> dict[int, Any]:
-    """Return position -> values of each input that differs between runs. The first axis of the values is the run.
+    """Return the inputs that differ from run to run: position among the leaves -> values, with the run as first axis.
 
-    The arguments are those of `simulate_batch`.
+    seeds, runs, spread: as in `simulate_batch`.
     """
     paths, shared = leaf_paths(inputs), jax.tree.leaves(inputs)
     own: dict[int, Any] = {paths.index("key.seed"): np.asarray(seeds, np.uint32)}
@@ -98,8 +98,8 @@ def own_inputs(
         at = paths.index(path)
         array, shape = np.asarray(values), (len(seeds), *np.shape(shared[at]))
         if array.shape != shape:
-            problem = f"must have shape {shape}, a value for each run, but has shape {array.shape}"
-            raise InputError(f"spread {path!r}", problem, fix=f"give {len(seeds)} values, one for each seed")
+            problem = f"must have shape {shape}, with one value for each run, but has shape {array.shape}"
+            raise InputError(f"spread {path!r}", problem, fix=f"use {len(seeds)} values, one for each seed")
         if not np.isfinite(array).all():
             raise InputError(
                 f"spread {path!r}",
@@ -111,23 +111,24 @@ def own_inputs(
 
 
 def own_rows(own: dict[int, Any], runs: int) -> Any:
-    """Return the inputs that differ between runs, float64 (runs, k), in the order of the compiled library."""
+    """Return the inputs that differ from run to run, float64 (runs, k), in the order that the compiled library
+    needs."""
     columns = [np.asarray(v, np.float64).reshape(runs, -1) for v in own.values()]
     return np.concatenate([np.zeros((runs, 0)), *columns], axis=1)
 
 
 def _run_words(first: Any, count: int, runs: Iterable[Any]) -> Any:
-    """Return the second words of the random keys of `count` runs.
+    """Return the second part of the random keys of `count` runs.
 
-    runs: run number, or the random key words, of each run.  first: random key words of run 0.
+    runs: for each run, the run number or the second part of the random key.  first: second part of run 0's key.
     """
     words = np.asarray(runs if isinstance(runs, np.ndarray) else list(runs), np.int64)
     if len(words) != count or words.ndim > 1 + np.ndim(first):
-        fix = "give each run a seed and a number"
-        raise InputError("simulate_batch", f"{len(words)} run numbers for {count} seeds", fix=fix)
+        fix = "use as many run numbers as seeds"
+        raise InputError("simulate_batch", f"got {len(words)} run numbers for {count} seeds", fix=fix)
     if words.ndim == 2 and words.shape[1:] != np.shape(first):
-        problem = f"{words.shape[1]} random key words for each run, but the scenario has {np.size(first)}"
-        raise InputError("simulate_batch", problem, fix="give one word for each entry of the scenario's `words`")
+        problem = f"got {words.shape[1]} random key words for each run, but the scenario has {np.size(first)}"
+        raise InputError("simulate_batch", problem, fix="use one number for each entry in the scenario's field `words`")
     for number in (words.min(), words.max()) if words.size else ():
         check_seed(int(number))
     words = words.astype(np.uint32)

@@ -1,6 +1,7 @@
-"""Cache of the C text of compiled blocks. A second block with the same content is not traced by JAX again.
+"""Cache of the C text of compiled blocks, so that a second block with the same content is not traced by JAX again.
 
-Tracing takes a second or more. Loading a cached block takes a few milliseconds. The loaded blocks do not share memory.
+Tracing a block with JAX takes a second or more. Loading a cached block takes a few milliseconds. Blocks loaded from the
+same C text do not share memory.
 """
 
 import functools
@@ -18,7 +19,7 @@ MOST_KEPT = 64
 
 
 class Content:
-    """Cache key made from records. Two keys are equal if structure, types and numbers of their records are equal."""
+    """Cache key made from records. Two keys are equal if the records have equal structures, types and numbers."""
 
     def __init__(self, *records: Any) -> None:
         self.records = records
@@ -35,7 +36,8 @@ class Content:
 def _describe_leaf(leaf: Any) -> Any:
     """Return a hashable description of a leaf of a record.
 
-    For an array, it is the type, shape and bytes; for any other object, the object itself, or its id if not hashable.
+    The description of an array consists of type, shape and bytes. Any other object is its own description, or is
+    described by its id if it is not hashable.
     """
     array = np.asarray(leaf)
     if array.dtype != np.dtype(object):
@@ -60,10 +62,10 @@ def compile_kept(make: Callable[..., BlockDefinition], *records: Any, **numbers:
     Args:
         make: module-level function that makes the block from the records and numbers.
         records: records from which the block is made.
-        numbers: seed and run, by name.
+        numbers: seed and run number, by argument name.
 
     Raises:
-        InputError: a JAX primitive cannot be written as C (the error names the line that uses it), or no C compiler
-            is found.
+        InputError: a JAX operation cannot be translated to C (the message names the source line of the operation), or
+            no C compiler is found.
     """
     return CompiledBlock(_keep_text(make, Content(*records), tuple(sorted(numbers.items()))))

@@ -1,4 +1,4 @@
-"""Motion of a vehicle, computed from the true state in each row of its log by the vehicle's function `motion`."""
+"""Motion of a vehicle, computed by the vehicle's function `motion` from the true states in a log."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -20,10 +20,11 @@ FORCE, RATE = ".value.specific_force", ".value.angular_rate"
 
 
 class MotionRows(NamedTuple):
-    """Motion of a vehicle at n instants of its log, with the samples of an ideal IMU.
+    """Motion of a vehicle at n instants of a log, and the samples that an ideal IMU would measure.
 
-    ticks: time in 100 ns (n,).  position: in W (n, 3).  attitude: quaternion q_WB, scalar first (n, 4).  velocity,
-    rate: in B (n, 3).  specific_force: acceleration minus gravity, in B (n, 3). At rest it points up.
+    ticks: times in 100 ns (n,).  position: in the world frame W (n, 3).  attitude: quaternion q_WB, scalar first (n,
+    4). velocity, rate: velocity and angular rate in the body frame B (n, 3).  specific_force: acceleration minus
+    gravity, in B (n, 3). At rest it points up.
     """
 
     ticks: Any
@@ -35,7 +36,10 @@ class MotionRows(NamedTuple):
 
 
 class ImuRows(NamedTuple):
-    """Samples of a three-axis IMU. ticks: times of measurement, 100 ns (n,).  rate, specific_force: in B (n, 3)."""
+    """Samples of a three-axis IMU.
+
+    ticks: times of measurement, in 100 ns (n,).  rate, specific_force: in the body frame B (n, 3).
+    """
 
     ticks: Any
     rate: Any
@@ -43,11 +47,13 @@ class ImuRows(NamedTuple):
 
 
 def read_motion(log: Log, scenario: Scenario, period: int) -> MotionRows:
-    """Return the vehicle's motion from a log of this scenario, with at most one row per `period` (100 ns).
+    """Return the vehicle's motion during a run or flight of a scenario.
+
+    log: log of the run or flight.  period: minimum time between the returned instants (100 ns).
 
     Raises:
-        InputError: the log has no true state (e.g. it is an autopilot's log) or is of a swarm, or no C compiler is
-            found.
+        InputError: the log contains no true states (e.g. because an autopilot wrote it), the scenario is a swarm, or no
+            C compiler is found.
     """
     block = motion_block(scenario)
     like = jax.eval_shape(block.step, block.parameters, (), block.input)[1]
@@ -55,14 +61,14 @@ def read_motion(log: Log, scenario: Scenario, period: int) -> MotionRows:
         raise InputError(
             "convert",
             "the log must be of one craft, but is of a swarm of several craft",
-            fix="give a log of one craft",
+            fix="use a log of one craft",
         )
     motion = compile_block(block)
     paths = {p: _log_path(p) for p in motion.reads if p.startswith("input.")}
     missing = [path for path in paths.values() if path not in log]
     if missing:
-        problem = f"the log has no {missing[0]!r}, so it does not contain the vehicle's true motion"
-        fix = "give the log of the vehicle or of a run: there/vehicle.mcap, flight/run.mcap"
+        problem = f"the log has no signal {missing[0]!r}, so it does not contain the vehicle's true motion"
+        fix = "use the vehicle's log or the log of a simulation, e.g. there/vehicle.mcap or flight/run.mcap"
         raise InputError("convert", problem, fix=fix)
     rows = choose_rows(log.ticks, period)
     columns = {p: np.asarray(log[path], float)[rows] for p, path in paths.items()}
@@ -74,7 +80,7 @@ def read_motion(log: Log, scenario: Scenario, period: int) -> MotionRows:
 
 
 def _log_path(path: str) -> str:
-    """Return the path in the log of an input of the block "motion"."""
+    """Return the log path of the signal that the block "motion" reads at one of its inputs."""
     name = path.removeprefix("input.")
     return f"actuators.{name}" if name.startswith("u.") or name == "u" else name
 
@@ -86,7 +92,10 @@ def _step(motion: Any, t: int, values: Mapping[str, Any]) -> list[Any]:
 
 
 def choose_rows(ticks: Any, period: int) -> Any:
-    """Return the indices of rows whose times are at least a period apart. The first row is always included."""
+    """Return the indices of log rows whose times are at least a period apart. The first row is always included.
+
+    ticks: times of the rows (100 ns).  period: in 100 ns.
+    """
     rows, due = list[int](), -(2**62)
     for k, t in enumerate(ticks.tolist()):
         if t >= due:
@@ -96,7 +105,7 @@ def choose_rows(ticks: Any, period: int) -> Any:
 
 
 def read_imus(log: Log) -> dict[str, ImuRows]:
-    """Return the samples of each three-axis IMU, by the sensor's name. Repeated samples are left out."""
+    """Return the samples of each three-axis IMU in a log, by the sensor's name. Repeated samples are left out."""
     imus = dict[str, ImuRows]()
     for path in log.paths:
         name = path.removeprefix("sensors.").removesuffix(FORCE)

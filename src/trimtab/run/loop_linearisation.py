@@ -1,10 +1,11 @@
-"""Linearisation of a scenario's whole loop about its equilibrium, with all parts sampled as in the flight.
+"""Linearisation of a scenario's complete loop about the loop's equilibrium, with all parts sampled as in flight.
 
-The step of the loop, without noise, is differentiated at each instant of the common period T of all parts. No part is
-replaced by a simplified model. In the map (`design.loop_map`), z contains all real numbers of the loop's state,
-including samples in transit. c is the command that the autopilot issues. v is the command that enters the uplink.
+The step of the loop, without noise, is differentiated at each instant of the period T, the common multiple of the
+periods of all parts. No part is replaced by a simplified model. In the resulting map (`design.loop_map`), z contains
+all real numbers of the loop's state, including samples in transit. c is the command that the autopilot issues. v is the
+command that enters the uplink.
 
-Source: this module, by the rules of docs page, Time.
+Source: docs page, Time, for the order of computation.
 """
 
 import math
@@ -31,13 +32,14 @@ from trimtab.loop.walk import start
 from trimtab.run.loop_coordinates import LoopCoordinates, is_real
 
 MOST_INSTANTS = 4000
-"""Maximum number of instants in the common period of the loop."""
+"""Maximum number of instants in the common multiple of the periods of all parts of the loop."""
 RANDOM = ("jitter", "loss")
-"""Random imperfections of links. They are switched off for the linearisation."""
+"""Random imperfections of radio links, which are switched off for the linearisation."""
 STEPWISE = ("speed-steps",)
-"""Imperfections of actuators that are step functions. They are switched off, because a step has no derivative."""
+"""Imperfections of actuators that are step functions. They are switched off for the linearisation, because a step has
+no derivative."""
 REST = 1e-7
-"""Largest change of a state over one period at which the loop counts as at rest, as a fraction of max(1, |state|)."""
+"""Tolerance for a loop at rest: largest change of a state over one period of the loop, relative to max(1, |state|)."""
 
 
 def linearise_loop(
@@ -49,19 +51,19 @@ def linearise_loop(
     settle: float = 10.0,
     round_time: float | None = None,
 ) -> LoopMap:
-    """Return the linear map of a loop about its equilibrium, or about a closed path that it flies.
+    """Return the linear map of a loop about its equilibrium, or about a closed path that the vehicle flies.
 
-    Random effects are switched off.
+    Random effects are switched off. Supervisor and monitor are left out.
 
     Args:
-        scenario: scenario whose loop comes to rest. Supervisor and monitor are left out. It must have no predictor.
-        x: state record to start from. Default: the law's equilibrium, or else the scenario's initial state.
+        scenario: scenario whose loop comes to rest. It must not have a predictor.
+        x: initial state of the vehicle. Default: the law's equilibrium, or else the scenario's initial state.
         direct: True if the law's demand acts directly, without allocation and actuators.
-        off: imperfections to switch off besides the random ones, see `Scenario.imperfections`.
-        settle: flight time before the linearisation (s).
-        round_time: time of one lap of the closed path that the law follows (s). The map then covers one lap.
+        off: further imperfections to switch off, see `Scenario.imperfections`.
+        settle: flight time before the linearisation (s), in which the loop comes to rest.
+        round_time: time of one lap of the closed path that the law follows (s). If given, the map covers one lap.
 
-        Raises: InputError if the common multiple of the periods is too long, or if the loop does not come to rest.
+    Raises: InputError if the common multiple of the periods is too long, or if the loop does not come to rest.
     """
     loop = _prepare_loop(scenario, direct, tuple(off))
     tick, count, slowest = _find_period(loop)
@@ -80,11 +82,12 @@ def linearise_loop(
     commands = tuple(n.removeprefix("a.command.value.") for n in names if n.startswith("a.command.value"))
     found = LoopMap(A, B, C, to_seconds(tick), names, commands, idle, to_seconds(slowest))
     if np.array_equal(found.transition(), found.transition(gain=0.0)):
-        problem = "commands have no effect on the loop at rest, due to a dead zone, an end stop, or zero thrust"
+        problem = "commands have no effect on the loop at rest, e.g. because of a dead zone, an end stop or zero thrust"
         raise InputError(
             "linearise",
             problem,
-            fix=f"leave out actuators with {argument_name('direct')}, imperfections with {argument_name('without')}",
+            fix=f"leave out the actuators with {argument_name('direct')}, or imperfections with "
+            f"{argument_name('without')}",
         )
     return found
 
@@ -92,7 +95,9 @@ def linearise_loop(
 def _prepare_loop(scenario: Scenario, direct: bool, off: tuple[str, ...]) -> Scenario:
     if scenario.autopilot.predictor is not None:
         raise InputError(
-            "linearise", "the loop has a predictor", fix=f"leave it out:  {argument('settings', 'off', 'predictor')}"
+            "linearise",
+            "the loop must not have a predictor",
+            fix=f"switch it off:  {argument('settings', 'off', 'predictor')}",
         )
     for name in off:
         scenario = scenario.without(name)
@@ -115,20 +120,25 @@ def _without_chance(link: Any) -> Any:
     for name in RANDOM:
         if name in imperfections(link):
             link = without(link, name)
-    if hasattr(link, "capacity") and hasattr(link, "latency"):  # the shortest buffer: each slot is a state of the map
+    if hasattr(link, "capacity") and hasattr(
+        link, "latency"
+    ):  # the shortest buffer, because each slot is a state of the map
         needed = required_slots(float(np.max(link.latency)), link.send_period, link.period)
         link = replace(link, capacity=needed)
     return link
 
 
 def _fit_state(x: Any, like: Any) -> Any:
-    """Return a state with the fields of `like`. A field has the value in x, or the value in `like` if x lacks it."""
+    """Return a state with the fields of `like`. Fields that x also has are set to the values in x."""
     changes = {n: getattr(x, n) for n in like.__dataclass_fields__ if hasattr(x, n)}
     return to_arrays(replace(like, **changes))
 
 
 def _find_period(loop: Scenario) -> tuple[int, int, int]:
-    """Return the tick (100 ns), the number of ticks in the common period, and the longest period of a part (100 ns)."""
+    """Return the time step, the number of steps in the loop's period, and the longest period of a part.
+
+    The loop's period is the common multiple of the periods of its parts. All times are in 100 ns.
+    """
     world = loop.world
     own = [*world.periods(), loop.autopilot.period, optional_member(world.actuators, "frame")]
     own += [optional_member(getattr(world, n), "send_period") for n in ("uplink", "downlink")]
@@ -140,13 +150,13 @@ def _find_period(loop: Scenario) -> tuple[int, int, int]:
     count = math.lcm(*periods) // tick
     if count > MOST_INSTANTS:
         text = ", ".join(sorted({format_time(p) for p in periods}))
-        problem = f"the common multiple of the loop's periods, {text}, is {count} instants, which is too long"
-        raise InputError("linearise", problem, fix="give sensors and links periods that are multiples of one another")
+        problem = f"the common multiple of the loop's periods, {text}, is too long: it contains {count} instants"
+        raise InputError("linearise", problem, fix="set periods of sensors and links that are multiples of one another")
     return tick, count, max(periods)
 
 
 class _Tick:
-    """Step of a loop by one instant, and its derivatives."""
+    """Step of a loop by one instant, and the derivatives of this step."""
 
     def __init__(self, loop: Scenario, tick: int) -> None:
         self.loop, self.tick = loop, tick
@@ -154,34 +164,39 @@ class _Tick:
         self._slopes: Any = jax.jit(self._differentiate, static_argnums=3, compiler_options=FAST_COMPILE_OPTIONS)
 
     def coordinates(self, like: tuple[Any, Any]) -> LoopCoordinates:
-        """Return the coordinates of the states of world and autopilot."""
+        """Return the coordinates for states of world and autopilot. like: example of these states."""
         return LoopCoordinates(like)
 
     def start(self, x: Any) -> tuple[Any, Any]:
-        """Return the initial states of world and autopilot."""
+        """Return the initial states of world and autopilot. x: initial state of the vehicle."""
         return start(self.loop.world, self.loop.autopilot, x, Key(np.uint32(0), np.uint32(0)))
 
     def fly(self, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any, int]:
-        """Return the states and the time after `count` instants."""
+        """Return the states of world and autopilot, and the time (100 ns), after `count` instants."""
         s, a = self._fly(s, a, np.int64(t), count)
         return s, a, t + count * self.tick
 
     def slopes(self, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any, Any, Any, Any]:
-        """Return the states after `count` instants, and the matrices A_j, B_j, C_j of each instant j."""
+        """Return the states of world and autopilot after `count` instants, and the matrices A_j, B_j, C_j of instants
+        j."""
         (s, a), (A, B, C) = self._slopes(s, a, np.int64(t), count)
         return s, a, np.array(A), np.array(B), np.array(C)
 
     def align(self, s: Any, a: Any, span: int) -> tuple[Any, Any]:
-        """Return the states with the ring buffers of the links rotated back by a time `span`.
+        """Return the states with the ring buffers of the links rotated back by a time `span` (100 ns).
 
-        The index of a slot depends on the time, so only aligned states of different periods can be compared.
+        The slot in which a sample is stored depends on the time. Therefore the states of different periods can be
+        compared only after this rotation.
         """
         world = self.loop.world
         down = {n: _roll_ring(world.downlink, own, span) for n, own in s.downlink.items()}
         return replace(s, downlink=down, uplink=_roll_ring(world.uplink, s.uplink, span)), a
 
     def _step(self, s: Any, a: Any, t: Any, v: Any = None) -> tuple[Any, Any, Any]:
-        """Return the states after one instant, and the issued command. v: command (m,) that is sent instead."""
+        """Return the states after one instant, and the command that the autopilot issues.
+
+        v: command (m,) that is sent instead of the issued command, or None.
+        """
         world, autopilot, clock = self.loop.world, self.loop.autopilot, Instant(t)
         seen, frame = world.sense(clock, s)
         due = clock.due(autopilot.period)
@@ -220,9 +235,10 @@ class _Tick:
 
 
 def _find_rest(run: _Tick, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any, int, Any, Any]:
-    """Return the states at rest, found by Newton's method, and the matrices at these states.
+    """Return the states of the loop at rest, found by Newton's method, and the matrices at these states.
 
-    At rest, only states on which no command depends, and clocks, change over a period.
+    A loop at rest is periodic: after one period, all states are unchanged, except clocks and states on which no command
+    depends.
     """
     span, first, worst, own = count * run.tick, math.inf, "", run.coordinates((s, a))
     names = own.names((s, a))
@@ -232,7 +248,7 @@ def _find_rest(run: _Tick, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any
         A[-1], B[-1] = A[-1][order], B[-1][order]
         if not all(np.isfinite(M).all() for M in (A, B, C)):
             fix = f"leave out actuators with {argument('direct', True)}, or e.g. {argument('off', ['dead zone'])}"
-            raise InputError("linearise", "the loop has no derivative at rest", fix=fix)
+            raise InputError("linearise", "the loop is not differentiable at rest", fix=fix)
         whole = np.eye(len(A[0]))
         for Aj, Bj, Cj in zip(A, B, C, strict=True):
             whole = Aj @ whole + Bj @ (Cj @ whole)
@@ -252,28 +268,31 @@ def _find_rest(run: _Tick, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any
         s, a, t = run.fly(s, a, t, count)
     problem = f"the loop does not come to rest: in {to_seconds(span):g} s, {_side_name(worst)} changes by {first:.3g}"
     name = run.loop.name or "SCENARIO"
-    fix = f"set a constant reference (trimtab list {name}), or give the time of one lap of a closed path: "
+    fix = f"set a constant reference (trimtab list {name}), or set the time of one lap of a closed path: "
     fix += argument("round", 5)
     raise InputError("linearise", problem, fix=fix)
 
 
 def _clocks(A: Any, B: Any, change: Any) -> Any:
-    """Return a mask (n,) of clocks: states that advance independently of all other states, e.g. the time in a law.
+    """Return a mask (n,) of clocks, i.e. states that grow independently of all other states, e.g. the time in a law.
 
-    The loop can be at rest although clocks advance.
+    A loop can be at rest although its clocks advance.
     """
     alone = (np.array([np.eye(len(change))] * len(A)) == A).all(axis=(0, 2)) & (B == 0).all(axis=(0, 2))
     return alone & (np.abs(change) > 0)
 
 
 def _count_round(tick: int, count: int, round_time: float) -> int:
-    """Return the number of instants in one lap. Raise InputError if a lap is not a whole number of loop periods."""
+    """Return the number of instants in one lap of a closed path.
+
+    Raise InputError if a lap is not a whole number of periods of the loop.
+    """
     rounds = round(seconds(round_time) / (tick * count))
     if rounds < 1 or rounds * tick * count != seconds(round_time):
         problem = f"must be a multiple of the loop's period of {to_seconds(tick * count):g} s, got {round_time:g} s"
-        raise InputError(argument_name("round"), problem, fix="give the time of one or more laps, a multiple of it")
+        raise InputError(argument_name("round"), problem, fix="use the time of several laps that is such a multiple")
     if rounds * count > MOST_INSTANTS:
-        problem = f"{round_time:g} s are {rounds * count} instants, but must be at most {MOST_INSTANTS}"
+        problem = f"{round_time:g} s are {rounds * count} instants, but must be at most {MOST_INSTANTS} instants"
         raise InputError(
             argument_name("round"), problem, fix="fly a shorter path, or choose a longer period of the loop"
         )
@@ -281,12 +300,15 @@ def _count_round(tick: int, count: int, round_time: float) -> int:
 
 
 def _side_name(name: str) -> str:
-    """Return the readable path of a state, which begins with s for the world and with a for the autopilot."""
+    """Return the path of a state, which begins with "s" for a state of the world and "a" for one of the autopilot."""
     return f"{'sa'[int(name[0])]}{name[1:]}"
 
 
 def _idle_states(A: Any, C: Any, whole: Any) -> Any:
-    """Return a mask (n,) of states on which no command depends, e.g. the position. If one grows, all are False."""
+    """Return a mask (n,) of states on which no command depends, e.g. the position.
+
+    If one of these states is unstable, all elements of the mask are False, so that the instability is not hidden.
+    """
     matters = np.abs(C).max(axis=(0, 1)) > 0
     feeds = np.abs(A).max(axis=0) > 0
     while (more := matters | feeds[matters].any(axis=0)).sum() > matters.sum():

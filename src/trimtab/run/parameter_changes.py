@@ -1,8 +1,8 @@
-"""Changes of an autopilot's parameters in flight. Each change is an event in the log. A replay repeats the changes.
+"""Changes of an autopilot's parameters in flight. The log contains an event for each change. A replay repeats them.
 
     parameter autopilot.law.k1[0] = 2.5 from 1.2340000 s
 
-The value is written with all digits. The time is that of the first step with the new value.
+In an event, the value is written with all digits. The time is that of the first control step with the new value.
 """
 
 import re
@@ -19,9 +19,10 @@ EVENT = re.compile(r"parameter autopilot\.(\S+)\[(\d+)\] = (\S+) from (\d+)\.(\d
 
 
 class AutopilotChange(NamedTuple):
-    """Change of one number of an autopilot's parameter. t: integer time from which the new value is used.
+    """Change of one element of an autopilot's parameter.
 
-    path: path of the parameter below the autopilot.  slot: index of the number in the flattened parameter.
+    t: integer time from which on the new value is used.  path: path of the parameter, relative to the autopilot.  slot:
+    index of the element in the flattened parameter.  value: new value.
     """
 
     t: int
@@ -39,7 +40,7 @@ class AutopilotChange(NamedTuple):
 
 
 def read_changes(log: Log) -> list[AutopilotChange]:
-    """Return the parameter changes of a flight, in order of time."""
+    """Return the parameter changes that the log of a flight contains, in the order of their times."""
     found = (EVENT.fullmatch(event["text"]) for event in log.metadata.get("events") or ())
     changes = [
         AutopilotChange(int(m[4]) * UNITS_PER_SECOND + int(m[5]), m[1], int(m[2]), float(m[3])) for m in found if m
@@ -48,7 +49,7 @@ def read_changes(log: Log) -> list[AutopilotChange]:
 
 
 def with_changes(autopilot: Any, changes: Sequence[AutopilotChange]) -> Any:
-    """Return a copy of an autopilot's parameters with these changes."""
+    """Return a copy of an autopilot's parameters in which the changes have been made."""
     for change in changes:
 
         def set_number(old: Any, _declared: Any, change: AutopilotChange = change) -> Any:

@@ -1,13 +1,13 @@
-"""Planner of a flyable path between obstacles for the hovercraft. It searches for a route and flies it in simulation.
+"""Planner of a flyable path between obstacles for the hovercraft: search for a route, then a simulated flight along it.
 
-The simulated flight with the law `laws.receding_horizon` is the plan: a reference for heading and for the position of
-P, the centre of percussion. The plan therefore respects the limits of fan and rudder. Collisions are checked along the
-flight. If the flight touches an obstacle or does not reach the goal, other speeds and accelerations are tried. If none
-succeeds, an InputError is raised.
+The plan is the motion in the simulated flight with the law `laws.receding_horizon`. It is a reference for the heading
+and for the position of P, the centre of percussion. Therefore the plan respects the limits of fan and rudder.
+Collisions are checked along the flight. If the craft touches an obstacle or does not reach the goal, other speeds and
+accelerations are tried. If all of them fail, an InputError is raised.
 
-Source: the vehicle's own closed loop as the steering method: Y. Kuwata, J. Teo, G. Fiore, S. Karaman, E. Frazzoli,
-J. How, "Real-time motion planning with applications to autonomous urban driving", IEEE Trans. Control Systems
-Technology 17 (2009) 1105.
+Source: Y. Kuwata, J. Teo, G. Fiore, S. Karaman, E. Frazzoli, J. How, "Real-time motion planning with applications to
+autonomous urban driving", IEEE Trans. Control Systems Technology 17 (2009) 1105, for planning with a simulated closed
+loop.
 """
 
 from pathlib import Path
@@ -33,33 +33,34 @@ from trimtab.sensors.planar_pose import PlanarPose
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 LAW = RecedingHorizon(push=1.2, pull=0.5, deflection=0.32, thrust_rate=6.0, angle_rate=2.0, yaw=0.2, lag=0.0)
-"""Control law of the planned flight. It uses less than the available forces and rates, so that the law which later
-follows the plan has a reserve: a tenth of the forces, and more of the rates. The flight ends without a spin."""
+"""Control law of the planned flight. It uses less than the available forces and rates, so that the law that follows the
+plan later has a reserve of a tenth of the forces and more than a tenth of the rates."""
 PIECES = 96
 """Number of polynomial pieces of the reference path. It is the same for all routes, so that the flight is compiled only
 once."""
 SETTLE = 6.0
-"""Flight time after the end of the route (s)."""
+"""Simulated flight time after the end of the route (s)."""
 TICK = ms(20)
 SAMPLE = 0.2
-"""Time between the rows of a plan (s)."""
+"""Time between two points of a plan (s)."""
 TEMPOS = (1.0, 1.0), (0.8, 0.7), (1.0, 1.6), (0.65, 0.7)
-"""Factors on the speed and on the accelerations that are tried in turn. A slower flight is not always better, because
-the craft turns slowly at low thrust."""
+"""Pairs of factors, on the speed and on the accelerations of a route, that are tried one after the other. Slower
+flights are not always better, because the craft turns slowly at low thrust."""
 KEEP = 0.05
-"""Minimum distance between the craft's circle and an obstacle in the planned flight (m). It covers tracking errors of
-the law that follows the plan."""
+"""Minimum distance between the circle around the craft and an obstacle in the planned flight (m). It allows for
+tracking errors of the law that follows the plan."""
 ARRIVED = 0.15, 0.04
-"""Largest accepted distance from the goal (m) and speed (m/s) at the end of the flight."""
+"""Largest accepted distance from the goal (m) and largest accepted speed (m/s) at the end of the planned flight."""
 
 
 class FlownPlan(NamedTuple):
-    """Plan, sampled every SAMPLE seconds (n rows), and its simulated flight, sampled every 20 ms (m rows).
+    """Plan with n points, one every SAMPLE seconds, and its simulated flight with m points, one every 20 ms.
 
-    times: times of the plan (n,), s.  places: positions of P in W (n, 2), m.  headings: headings (n,), rad, unwrapped.
-    flown: time, north and east of the centre of mass, heading, thrust (N), force angle (rad), clearance (m), (m,) each.
-    route: result of the search.  clearance: smallest distance of the centre of mass to obstacles minus the radius (m).
-    tempo: speed and accelerations of the route.  law: control law of the simulated flight.
+    times: times of the plan (n,), in s.  places: positions of the centre of percussion P in the world frame W (n, 2),
+    in m.  headings: headings (n,), in rad, unwrapped.  flown: arrays (m,) of the simulated flight: time, north and east
+    of the centre of mass, heading, thrust (N), force angle (rad), clearance (m).  route: result of the route search.
+    clearance: smallest distance between the circle around the craft and an obstacle (m).  tempo: speed and
+    accelerations of the route.  law: control law of the simulated flight.
     """
 
     times: Any
@@ -73,15 +74,15 @@ class FlownPlan(NamedTuple):
 
     @property
     def length(self) -> float:
-        """Return the length of the path of P (m)."""
+        """Return the length of the planned path of the centre of percussion P (m)."""
         return float(np.hypot(*np.diff(self.places, axis=0).T).sum())
 
     def path(self) -> PiecewisePath:
-        """Return the plan as a reference path."""
+        """Return the plan as a reference path for a law."""
         return interpolate_path(self.times, self.places, self.headings)
 
     def write(self, file: str | Path) -> None:
-        """Write the plan to a CSV file, for the option ``--reference``."""
+        """Write the plan to a CSV file that can be used as ``--reference``."""
         rows = [",".join(("time [s]", "north [m]", "east [m]", "heading [deg]"))]
         for t, (north, east), heading in zip(self.times, self.places, self.headings, strict=True):
             rows.append(f"{t:.3f},{north:.5f},{east:.5f},{np.degrees(heading):.4f}")
@@ -89,16 +90,16 @@ class FlownPlan(NamedTuple):
 
 
 def plan_path(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") -> FlownPlan:
-    """Return a flyable path that begins at rest at the start and ends at rest at the goal.
+    """Return a flyable plan that begins at rest at the start and ends at rest at the goal.
 
     Args:
-        task: floor, start, goal and the craft's radius.
+        task: floor with obstacles, start, goal, and radius of the circle around the craft.
         tempo: desired speed and accelerations of the route.
-        part: name of the caller, for errors.
+        part: name of the caller, for error messages.
 
     Raises:
-        InputError: no gap between obstacles is wide enough, or the craft can't fly the route within its limits without
-            a collision.
+        InputError: no gap between obstacles is wide enough, or the craft cannot fly the route without a collision
+            within its limits of thrust and rudder.
     """
     tempo = tempo or Tempo()
     problem = ""
@@ -146,7 +147,7 @@ def _fly(task: PlanTask, route: Route) -> dict[str, Any]:
 
 
 def _find_problem(task: PlanTask, flown: dict[str, Any]) -> str:
-    """Return a description of the problem of a flight, or "" if it is a valid plan."""
+    """Return the reason why a simulated flight is not a valid plan, or "" if it is valid."""
     places = np.column_stack([flown["north"], flown["east"]])
     between = np.hypot(*np.diff(places, axis=0).T).max() / 2
     worst = int(np.argmin(flown["clearance"]))
@@ -163,7 +164,7 @@ def _find_problem(task: PlanTask, flown: dict[str, Any]) -> str:
 
 
 def _percussion_points(flown: dict[str, Any]) -> Any:
-    """Return the position of the centre of percussion P (n, 2), in m in W."""
+    """Return the positions of the centre of percussion P (n, 2) in the world frame W (m)."""
     arm, heading = float(Hovercraft().percussion_arm), flown["heading"]
     return np.column_stack([flown["north"] + arm * np.cos(heading), flown["east"] + arm * np.sin(heading)])
 

@@ -1,4 +1,5 @@
-"""Vehicles for the design commands, found by name: in a scenario, a model of the package, or a user's file."""
+"""Vehicles for the design commands, found by name: the vehicle of a scenario, a model of the package, or a user's
+file."""
 
 import importlib
 from collections.abc import Callable, Mapping
@@ -22,17 +23,17 @@ from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
 
 FUNCTIONS = ("system", "scenario")
-"""Names of the functions that are tried, in this order, if a file is given without the name of a function."""
+"""Function names that are tried, in this order, if the user names a Python file without a function."""
 
 
 class Plant(NamedTuple):
     """Vehicle for trim and linearisation.
 
-    name: name that the user typed.  model: model in the coordinates of a trim.  error: function from a trim (x, u) to
-    the model of deviations from this trim.  units: name of a state, input or output -> its unit.  places: states that
-    are positions; their derivatives are free in a trim.  flight: function that returns the names of speed, climb,
-    sideslip, roll and yaw in this model (`flight_names`).  scenario: scenario of the vehicle, or None.  about: class
-    and units of the vehicle (`loop.linear_laws`).
+    name: name that the user typed.  model: model of the vehicle for a trim search.  error: function that returns, for a
+    trim (x, u), the model of deviations from this trim.  units: name of a state, input or output -> unit.  places:
+    names of the states that are positions, whose derivatives may have any value in a trim.  flight: function that
+    returns the names of speed, climb, sideslip, roll and yaw in this model (`flight_names`).  scenario: scenario of the
+    vehicle, or None.  about: class and units of the vehicle (`loop.linear_laws`).
     """
 
     name: str
@@ -46,9 +47,10 @@ class Plant(NamedTuple):
 
 
 def load_plant(name: str, settings: Mapping[str, str] | None = None, assumed: Mapping[str, str] | None = None) -> Plant:
-    """Return the vehicle of a scenario, of a model in the package, or from a function in a file, by its name.
+    """Return the vehicle for a name: that of a scenario, a model of the package, or the result of a user's function.
 
-    settings: settings of the scenario.  assumed: settings of the vehicle model of the design, applied after `settings`.
+    settings: settings of the scenario.  assumed: settings of the vehicle model for the design, applied after
+    `settings`.
     """
     settings = settings or {}
     own: Any = None
@@ -69,8 +71,8 @@ def load_plant(name: str, settings: Mapping[str, str] | None = None, assumed: Ma
         vehicle = with_settings(scenario.world.vehicle, assumed or {})
         return plant_of_vehicle(name, vehicle, scenario.initial, u)._replace(scenario=scenario)
     if settings or (assumed and not isinstance(own, tuple)):
-        fix = f"leave {argument_name('settings')} out, or name a scenario, whose parts have settings"
-        raise InputError(argument_name("settings"), f"{name} is a model and has no settings", fix=fix)
+        fix = f"leave {argument_name('settings')} out, or use the name of a scenario, whose parts have settings"
+        raise InputError(argument_name("settings"), f"{name} is a model, which has no settings", fix=fix)
     return _plant_of_own(name, own, assumed or {})
 
 
@@ -81,13 +83,13 @@ def _plant_of_own(name: str, own: Any, assumed: Mapping[str, str]) -> Plant:
         parts: tuple[Any, ...] = own  # pyright: ignore[reportUnknownVariableType]
         if len(parts) == 3 and hasattr(parts[0], "dynamics"):
             return plant_of_vehicle(name, with_settings(parts[0], assumed), parts[1], parts[2])
-    problem = f"the function must return a scenario, a vehicle or a model, but returns a {type(own).__name__}"
+    problem = f"the function must return a scenario, a vehicle or a model, got a {type(own).__name__}"
     fix = "return a Scenario, (vehicle, x, u), or model_of_functions(f, states, inputs, h=h) (docs, Any vehicle)"
     raise InputError(f"vehicle {name!r}", problem, fix=fix)
 
 
 def plant_of_model(name: str, model: StateSpaceModel) -> Plant:
-    """Return a model as a plant. The units are those declared in the model's records, if it has records."""
+    """Return a model as a plant. The units are those that the model's records declare, if the model has records."""
     units: dict[str, str] = {}
     for own, names in ((model.state_record, model.states), (model.input_record, model.inputs)):
         units |= {} if own is None else _units_by_name(own, names)
@@ -96,7 +98,10 @@ def plant_of_model(name: str, model: StateSpaceModel) -> Plant:
 
 
 def plant_of_vehicle(name: str, vehicle: Any, x: Any, u: Any) -> Plant:
-    """Return a vehicle near its state x and input u as a plant. For a flight over the earth, states are local."""
+    """Return a vehicle as a plant, near state x and input u.
+
+    The states of a flight over the earth are converted to states relative to a local frame.
+    """
     about = describe_vehicle(vehicle, x, u)
     vehicle, x = fly_locally(vehicle, x)
     model = trim_model(vehicle, x, u)
@@ -138,7 +143,8 @@ def _model_names() -> list[str]:
 
 
 def _own_function(name: str) -> str:
-    """Return "file.py:function". If the name contains no function, use the first of FUNCTIONS that the file has."""
+    """Return "file.py:function". If the name contains no function, the first name in FUNCTIONS that the file defines is
+    used."""
     if ":" in name:
         return name
     for function in FUNCTIONS[:-1]:

@@ -1,4 +1,4 @@
-"""Compiled scenario: its C library, its inputs, and the signals that its outputs represent. It runs without JAX."""
+"""Compiled scenario, which runs without JAX: C library, inputs, and names of the logged signals."""
 
 import ctypes
 import functools
@@ -19,11 +19,12 @@ from trimtab.logs.log import LazyMapping, Log, provenance, to_plain
 from trimtab.loop.model_mismatch import belief_mismatches
 
 SHORT = 5_000_000
-"""Largest number of instants, over all runs, that are flown without a check for Ctrl-C. They take about a second."""
+"""Largest number of instants, over all runs, that are simulated without a check for Ctrl-C. This takes about a
+second."""
 
 
 class FlightJob(ctypes.Structure):
-    """Argument of the library's function: the struct `job` in the generated C text."""
+    """Argument of the compiled library's function: the struct `job` in the generated C text."""
 
     _fields_ = [
         ("shared", ctypes.c_void_p),
@@ -47,8 +48,8 @@ class FlightJob(ctypes.Structure):
 class RunResults(NamedTuple):
     """Results of one or more runs.
 
-    log: logged rows (runs, rows, width), or None.  stats: minimum, maximum, sum and sum of squares of each number over
-    the logged rows (runs, width, 4), or None.  final: values at the end of each run (runs, count).
+    log: log rows (runs, rows, width), or None.  stats: minimum, maximum, sum and sum of squares of each column over the
+    log rows of a run (runs, width, 4), or None.  final: values at the end of each run (runs, count).
     """
 
     log: Any
@@ -65,7 +66,10 @@ def _load_entry(path: Path) -> Any:
 
 
 def thread_count(threads: int | None) -> int:
-    """Return the number of threads: as requested, up to 256, or the number of cores available to this process."""
+    """Return the number of threads to use.
+
+    threads: requested number, limited to 1 … 256. None: the number of processor cores available to this process.
+    """
     if threads is not None:
         return max(1, min(threads, 256))
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -84,18 +88,18 @@ def fly_runs(
     threads: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> RunResults:
-    """Fly runs with the compiled library of a walk.
+    """Run a scenario one or many times with its compiled library, and return the results.
 
     Args:
         path: path of the library.
-        shared: inputs that all runs share, as a vector, float64.
-        own: inputs that differ between runs, float64 (runs, k).
+        shared: inputs that are equal in all runs, as a vector, float64.
+        own: inputs that differ from run to run, float64 (runs, k).
         table: instants of a run.
-        row: index of the log row of each instant, int32 (n,), or n for an instant that is not logged.
-        widths: number of values in a row, and number of final values.
-        log, stats: True to return the logged rows, and True to return their statistics. Final values are always
-            returned.
-        threads: number of threads. The Python interpreter can run other threads meanwhile.
+        row: index of the log row of each of the n instants, int32 (n,), or n for an instant that is not logged.
+        widths: number of values in a log row, and number of final values.
+        log: True to return the log rows.
+        stats: True to return statistics of the log rows.
+        threads: number of threads. Other Python threads can run meanwhile.
         progress: function called a few times a second with the number of completed runs.
     """
     width, count = widths
@@ -115,12 +119,12 @@ def fly_runs(
     else:
         _fly_in_thread(_load_entry(path), job, threads, progress)
     if job.done < runs:
-        raise InputError("runs", f"not enough memory to fly {runs} runs on {threads} threads", fix="use fewer threads")
+        raise InputError("runs", f"not enough memory for {runs} runs on {threads} threads", fix="use fewer threads")
     return results
 
 
 def _fly_in_thread(entry: Any, job: FlightJob, threads: int, progress: Callable[[int], None] | None) -> None:
-    """Fly the runs in another thread. Ctrl-C then ends the call as soon as the runs in progress are complete."""
+    """Fly the runs of a job in another thread, so that Ctrl-C ends the call when the runs in progress are complete."""
     landed = threading.Event()  # an event, because a join that Ctrl-C interrupts reports a running thread as ended
 
     def flight() -> None:
@@ -140,12 +144,15 @@ def _fly_in_thread(entry: Any, job: FlightJob, threads: int, progress: Callable[
 
 
 def row_numbers(written: Any) -> Any:
-    """Return the index of the log row of each instant, int32 (n,), or n for an instant that is not logged."""
+    """Return the index of the log row of each of n instants, int32 (n,), or n for an instant that is not logged.
+
+    written: mask (n,) of the logged instants.
+    """
     return np.where(written, np.cumsum(written) - 1, len(written)).astype(np.int32)
 
 
 class Column(NamedTuple):
-    """Signal in a log row, or in the final values: path, shape, type and declaration."""
+    """Signal in the log rows or in the final values: path, shape, data type, and declaration of the field."""
 
     path: str
     shape: tuple[int, ...]
@@ -156,11 +163,11 @@ class Column(NamedTuple):
 class Program(NamedTuple):
     """Compiled scenario.
 
-    library: path of the library, which flies one run at a time.  shared_inputs: inputs of a run, float64.  words:
-    indices in these inputs at which seed and run number are written.  periods, duration, max_step: times that determine
-    the instants of a run.  columns: signals in a log row.  final: signals in the final values.  metadata: metadata of a
-    log, except seed, run and backend.  noise: random key words of the scenario. If there are any, the run number is
-    added to each of them, and they are written from the second index on.
+    library: path of the library, which computes one run at a time.  shared_inputs: inputs of a run, float64.  words:
+    indices, in these inputs, of seed and run number.  periods, duration, max_step: times that determine the instants of
+    a run.  columns: signals in a log row.  final: signals in the final values.  metadata: metadata of a log, except
+    seed, run and backend.  noise: random key words of the scenario. If the scenario has such words, the run number is
+    added to each word, and the words are written to the inputs from the index of the run number on.
     """
 
     library: Path
@@ -175,7 +182,7 @@ class Program(NamedTuple):
     noise: tuple[int, ...] = ()
 
     def fly(self, seed: int, run: int, log_period: int) -> Log:
-        """Fly one run and return its log, as `simulate` does."""
+        """Run the scenario once and return the log, as `simulate` does. log_period: time between log rows (100 ns)."""
         check_log_period(log_period, self.duration)
         table, row, instants = _log_rows(self.periods, self.duration, self.max_step, log_period)
         shared = self.shared_inputs.copy()
@@ -190,14 +197,14 @@ class Program(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def _log_rows(periods: tuple[int, ...], duration: int, max_step: int, log_period: int) -> tuple[Timetable, Any, Any]:
-    """Return the instants of a run, the index of the log row of each instant, and the logged instants."""
+    """Return the instants of a run, the index of the log row of each instant, and the times of the logged instants."""
     table = timetable(periods, duration, max_step)
     written = table.t % log_period == 0
     return table, row_numbers(written), logged_instants(table, written)
 
 
 def logged_instants(table: Timetable, written: Any) -> tuple[Any, Any]:
-    """Return the logged instants, in 100 ns and in seconds. They are read-only, because several logs share them."""
+    """Return the times of the logged instants, in 100 ns and in s, as read-only arrays that several logs can share."""
     ticks = table.t[written]
     t = to_seconds(ticks)
     ticks.flags.writeable = t.flags.writeable = False
@@ -205,7 +212,7 @@ def logged_instants(table: Timetable, written: Any) -> tuple[Any, Any]:
 
 
 def check_seed(seed: Any, name: str = "seed") -> None:
-    """Raise InputError if a value is not a valid seed or run number. name: name of the argument."""
+    """Raise InputError if a value is not a valid seed or run number. name: name of the argument, for the message."""
     is_whole = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
     if not (is_whole and 0 <= seed < 2**32):
         problem = f"must be a whole number in 0 … {2**32 - 1}, got {seed!r}"
@@ -213,19 +220,22 @@ def check_seed(seed: Any, name: str = "seed") -> None:
 
 
 def check_log_period(log_period: int, duration: int) -> None:
-    """Raise InputError if a log period is 0, or longer than the flight. 1 ms is valid for any flight."""
+    """Raise InputError if a log period is 0 or longer than the flight. A log period of 1 ms is valid for any flight."""
     if not 0 < log_period <= max(duration, ms(1)):
         problem = f"must be above 0 s and at most the flight's {format_time(duration)}, got {format_time(log_period)}"
         raise InputError(argument_name("log_period"), problem, fix=argument("log_period", "1 ms"))
 
 
 def row_width(columns: list[Column]) -> int:
-    """Return the total number of values in these columns."""
+    """Return the number of values in a row with the given columns."""
     return sum(math.prod(c.shape) for c in columns)
 
 
 def split_columns(rows: Any, columns: list[Column]) -> dict[str, Any]:
-    """Return path -> values of a column in rows (..., width), in its type and shape. float64 values are views."""
+    """Return the values of each column in rows (..., width): path -> values, in the column's data type and shape.
+
+    Values of type float64 are views of the rows.
+    """
     return {
         path: rows[..., part].reshape((*rows.shape[:-1], *shape)).astype(dtype, copy=False)
         for path, (part, shape, dtype) in _column_places(columns).items()
@@ -233,7 +243,7 @@ def split_columns(rows: Any, columns: list[Column]) -> dict[str, Any]:
 
 
 def _column_places(columns: list[Column]) -> dict[str, tuple[slice, tuple[int, ...], str]]:
-    """Return path of a column -> slice of a row that contains the column, its shape and its type."""
+    """Return path of a column -> slice of a row that contains the column, and shape and data type of the column."""
     places, start = {}, 0
     for c in columns:
         stop = start + math.prod(c.shape)
@@ -250,18 +260,18 @@ def make_log(
     instants: tuple[Any, Any],
     metadata: dict[str, Any],
 ) -> Log:
-    """Return the log of one run. Each signal is created when it is first read.
+    """Return the log of one run. The array of a signal is created when the signal is first read.
 
-    run: index of the run in the results.  instants: see `logged_instants`.  metadata: JSON-compatible values, copied
-    when they are read.
+    run: index of the run in the results.  instants: times of the log rows, see `logged_instants`.  metadata:
+    JSON-compatible values, copied when they are read.
     """
     ticks, t = instants
     rows = results.log[run] if len(results.log) == 1 else results.log[run].copy()
     places = _column_places(columns)
     for path, (_, shape, _) in places.items():
         if len(shape) > 1:
-            problem = f"must be a number or a vector at each instant, but has shape {shape}"
-            raise InputError(f"log signal {path!r}", problem, fix=f"give it shape () or ({math.prod(shape)},)")
+            problem = f"must be a scalar or a vector at each instant, but has shape {shape}"
+            raise InputError(f"log signal {path!r}", problem, fix=f"change the shape to () or ({math.prod(shape)},)")
 
     def signal(path: str) -> Any:
         part, shape, dtype = places[path]
@@ -281,9 +291,9 @@ def make_log(
 
 
 def describe_scenario(scenario: Any) -> dict[str, Any]:
-    """Return the metadata with which a log describes its scenario.
+    """Return the metadata by which a log describes the scenario.
 
-    For a scenario built by name, they include `choices`, from which a replay rebuilds the scenario.
+    For a scenario built by name, the metadata include `choices`, from which a replay rebuilds the scenario.
     """
     mismatch = [m._asdict() for m in belief_mismatches(scenario.autopilot, scenario.world.vehicle)]
     about = {

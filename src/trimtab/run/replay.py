@@ -1,7 +1,7 @@
-"""Replay: run an autopilot again with the sensor frames of a log, and compare its outputs with the recorded outputs.
+"""Replay: run an autopilot again with the samples in a log, and compare its outputs with the recorded outputs.
 
 This module also compares two logs of the same run. It finds the first difference of a real number, and the first
-difference of a whole number or flag.
+difference of an integer or flag.
 """
 
 import dataclasses
@@ -31,9 +31,9 @@ from trimtab.run.runner import choose_c
 from trimtab.scenarios.recorded import rebuild_scenario
 
 TOLERANCE = 1e-10
-"""Tolerance for results of different backends or types of machine, as a fraction of a signal's largest magnitude."""
+"""Tolerance for differences between backends or types of machine, as a fraction of a signal's largest magnitude."""
 LOSS_COUNTERS = ("log.dropped", "log.unwritten")
-"""Signals in the log of a flight that count its missing rows."""
+"""Paths of the signals in a flight's log that count the rows that are missing in the log."""
 
 
 class Divergence(NamedTuple):
@@ -48,11 +48,11 @@ class Divergence(NamedTuple):
 class Replay(NamedTuple):
     """Result of a replay.
 
-    recorded_log, replayed_log: the compared signals at the control instants.  exact: True if all bits are equal.
-    strict: True if all bits are required to be equal.  equal: True if the required accuracy is met.  first: first
-    difference that is not accepted, or None.  worst: path -> largest difference as a fraction of the signal's largest
-    magnitude.  backend: backend of the replay.  end_reason: reason why the replay ended before the log, or "".
-    changed: True if another autopilot was flown, so that outputs may differ.
+    recorded_log, replayed_log: compared signals at the control instants.  exact: True if all bits are equal.  strict:
+    True if all bits must be equal, because backend and type of machine are those of the recording.  equal: True if the
+    required accuracy is reached.  first: first difference that is not accepted, or None.  worst: path of a signal ->
+    largest difference, as a fraction of the signal's largest magnitude.  backend: backend of the replay.  end_reason:
+    reason why the replay ended before the log, or "".  changed: True if another autopilot was run.
     """
 
     recorded_log: Log
@@ -69,24 +69,23 @@ class Replay(NamedTuple):
 
 @explain_call()
 def replay(log: Log, scenario: Scenario | str | None = None, *, autopilot: Any = None, backend: str = "auto") -> Replay:
-    """Fly a scenario's autopilot with the sensor frames of a log, and compare its outputs with the log.
+    """Run a scenario's autopilot with the samples in a log, and compare the outputs with those in the log.
 
     >>> from trimtab import replay, simulate
     >>> replay(simulate("hovercraft/spin", duration="100 ms")).exact
     True
 
-    If backend and type of machine are those that recorded the log, every bit must be equal. Otherwise, results must
-    agree within TOLERANCE.
+    If backend and type of machine are those of the recording, every bit must be equal. Otherwise, results must agree
+    within TOLERANCE.
 
     Args:
-        log: log of `simulate`, with a row at each control instant, or log of a flight. The frames are its signals
-            ``downlink``.
-        scenario: the recorded scenario, or its name. None: the scenario is rebuilt from the log's metadata.
-        autopilot: another autopilot to fly instead, for the same sensors. The vehicle still moves as recorded.
+        log: log of a flight, or of `simulate` with a row at each control instant. Its signals ``downlink`` are used.
+        scenario: recorded scenario, or its name. None: the scenario is rebuilt from the log's metadata.
+        autopilot: autopilot with the same sensors to run instead of the recorded one. The samples are still the same.
         backend: "c", "jax" or "auto", as in `simulate`.
 
     Raises:
-        InputError: frames are missing in the log, or the autopilot needs signals that the frames do not contain.
+        InputError: samples are missing in the log, or the autopilot needs signals that the log does not contain.
     """
     check_log(log, "replay({})")
     if not isinstance(scenario, Scenario):
@@ -109,11 +108,11 @@ def replay(log: Log, scenario: Scenario | str | None = None, *, autopilot: Any =
 
 
 def _refuse_other_sensors(flown: Scenario) -> None:
-    """Raise InputError if the estimator needs a sensor that the flight did not have."""
+    """Raise InputError if the estimator reads a sensor that the scenario does not have."""
     sent = flown.world.sensors
     if lacking := [sensor for sensor in flown.autopilot.estimator.listens if sensor not in sent]:
         estimator = type(flown.autopilot.estimator).__name__
-        problem = f"{estimator} reads sensor {lacking[0]!r}, but this flight has samples only of {', '.join(sent)}"
+        problem = f"{estimator} reads sensor {lacking[0]!r}, but the recorded flight has only {', '.join(sent)}"
         fix = f"replay a flight with this sensor, e.g. one with {argument('navigation', 'ins')}"
         raise InputError("replay", problem, fix=fix)
 
@@ -122,20 +121,21 @@ def describe_replay(result: Replay) -> str:
     """Return the result of a replay in one sentence."""
     steps = f"{len(result.recorded_log)} steps"
     if result.changed:
-        return f"{steps} flown with another autopilot"
+        return f"{steps} repeated with another autopilot"
     if result.exact:
         return f"{steps} repeated, identical bit for bit, by backend {result.backend}"
     if result.first is None:
         return f"{steps} repeated, equal within {TOLERANCE:g}, by backend {result.backend}"
     f = result.first
-    return f"differs from {f.t:.7f} s on: {f.path} was {f.recorded!r}, is {f.replayed!r}, on {result.backend}"
+    return f"differs from {f.t:.7f} s on: {f.path} was {f.recorded!r}, is now {f.replayed!r}, on {result.backend}"
 
 
 class RecordedSteps(NamedTuple):
-    """Consecutive control steps of a log, from the first step on.
+    """Successive control steps in a log, beginning with the first control step.
 
-    rows: indices of the log's rows (n,).  ticks: times of the steps (n,), 100 ns.  inputs: input of each step, float64
-    (n, width).  end_reason: reason why the steps end before the log, or "".
+    rows: index of the log row of each step (n,).  ticks: times of the steps (n,), 100 ns.  inputs: inputs of the
+    autopilot at each step, float64 (n, width).  end_reason: reason why later steps in the log cannot be repeated, or
+    "".
     """
 
     rows: Any
@@ -148,7 +148,7 @@ def find_steps(log: Log, frames: list[str], period: int) -> RecordedSteps:
     """Return the control steps of a log, up to the first missing step.
 
     Args:
-        log: log of a simulation, or log of a flight, in which each row is a control step.
+        log: log of a simulation, or log of a flight. In the log of a flight, each row is a control step.
         frames: paths of the autopilot's inputs, ``t`` and ``samples.…``, in order.
         period: time between two control instants (100 ns).
 
@@ -156,7 +156,7 @@ def find_steps(log: Log, frames: list[str], period: int) -> RecordedSteps:
         InputError: the log does not begin with the first control instant, or a signal is missing.
     """
     if not len(log):
-        raise InputError("replay", "the log contains no control step", fix="give a log with at least one row")
+        raise InputError("replay", "the log contains no control step", fix="use a log with at least one row")
     rows, reason = _find_flight_steps(log) if LOSS_COUNTERS[0] in log else _find_simulation_steps(log, period)
     if log.metadata.get("truncated") and not reason:
         reason = f"the log was cut off at {log.t[-1]:g} s"
@@ -166,7 +166,7 @@ def find_steps(log: Log, frames: list[str], period: int) -> RecordedSteps:
             rows, reason = whole, f"the log has a gap: {gap['text']}"
     if not len(rows):
         raise InputError(
-            "replay", f"the log lacks its first steps: {reason}", fix="give a log that begins with the first step"
+            "replay", f"the log lacks its first control steps: {reason}", fix="use a log with the first step"
         )
     columns = [np.asarray(_frame_column(log, path)[rows], np.float64).reshape(len(rows), -1) for path in frames]
     return RecordedSteps(rows, log.ticks[rows], np.concatenate(columns, axis=1), reason)
@@ -185,26 +185,26 @@ def _frame_column(log: Log, path: str) -> Any:
 
 
 def _find_flight_steps(log: Log) -> tuple[Any, str]:
-    """Return the rows of a flight's log up to the first missing row, and the reason for this end.
+    """Return the row indices of a flight's log up to the first missing row, and the reason why they end there, or "".
 
-    Each row is a control step. Steps after a missing row can't be repeated.
+    Each row is a control step. Control steps after a missing row can't be repeated.
     """
     missing = np.sum([log[name] for name in LOSS_COUNTERS if name in log], axis=0)
     if missing[0]:
         raise InputError(
-            "replay", f"the log lacks its first {missing[0]} steps", fix="give a log that begins with the first step"
+            "replay", f"the log lacks its first {missing[0]} steps", fix="use a log that begins with the first step"
         )
     whole = int(np.argmax(missing > 0)) if missing.any() else len(log)
     return np.arange(whole), f"the log lacks steps after {log.t[whole - 1]:g} s" if whole < len(log) else ""
 
 
 def _find_simulation_steps(log: Log, period: int) -> tuple[Any, str]:
-    """Return the index of the row of each control instant in the log of a simulation, and an empty reason."""
+    """Return the index of the log row of each control instant in the log of a simulation, and the text ""."""
     rows = np.flatnonzero(log.ticks % period == 0)
     ticks = log.ticks[rows]
     if log.ticks[0] != 0:
         problem = f"the log begins at {to_seconds(int(log.ticks[0])):g} s, where the autopilot's state is unknown"
-        raise InputError("replay", problem, fix="give a log that begins with the start of the run")
+        raise InputError("replay", problem, fix="use a log that begins with the start of the run")
     if (np.diff(ticks) != period).any() or (len(rows) == 1 and len(log) > 1):
         usual = int(np.median(np.diff(log.ticks)))
         problem = f"the log has a row every {format_time(usual)}, but the autopilot steps every {format_time(period)}"
@@ -213,7 +213,7 @@ def _find_simulation_steps(log: Log, period: int) -> tuple[Any, str]:
 
 
 def _changes_by_step(steps: RecordedSteps, changes: Sequence[AutopilotChange]) -> dict[int, list[AutopilotChange]]:
-    """Return index of a step -> parameter changes that take effect at this step."""
+    """Return the index of a control step -> parameter changes that take effect at this step."""
     by_step: dict[int, list[AutopilotChange]] = {}
     for change in changes:
         by_step.setdefault(int(np.searchsorted(steps.ticks, change.t)), []).append(change)
@@ -221,7 +221,7 @@ def _changes_by_step(steps: RecordedSteps, changes: Sequence[AutopilotChange]) -
 
 
 def step_c(step: CompiledBlock, steps: RecordedSteps, changes: Sequence[AutopilotChange] = ()) -> dict[str, Any]:
-    """Return path -> outputs (n, …) of a compiled block for recorded steps. changes: parameter changes in flight."""
+    """Return the outputs of a compiled block for n recorded steps, path -> values. changes: changes of parameters."""
     rows, by_step = np.empty((len(steps.inputs), len(step.outputs))), _changes_by_step(steps, changes)
     for k, row in enumerate(steps.inputs):
         for change in by_step.get(k, ()):
@@ -233,7 +233,7 @@ def step_c(step: CompiledBlock, steps: RecordedSteps, changes: Sequence[Autopilo
 
 
 def step_jax(block: BlockDefinition, steps: RecordedSteps, changes: Sequence[AutopilotChange] = ()) -> dict[str, Any]:
-    """Return path -> outputs (n, …) of a block for recorded steps, as `step_c`, but computed with JAX."""
+    """Return the outputs of a block for n recorded steps, as `step_c` does, but computed with JAX."""
     shapes, tree = jax.tree.flatten(block.input)
     columns, at = [], 0
     for leaf in shapes:
@@ -265,10 +265,10 @@ def _compare_outputs(log: Log, steps: RecordedSteps, outputs: dict[str, Any], ba
     paths = sorted(outputs, key=lambda p: order.index(p.partition(".")[0]))
     shared = [p for p in paths if p in log and log[p].shape[1:] == outputs[p].shape[1:]]
     if not shared:
-        own = "this is the vehicle's log; give the autopilot's log: flight.mcap, written by trimtab fly"
+        own = "this is the log of the vehicle; use the log of the autopilot: flight.mcap, written by trimtab fly"
         every = 'log all signals, or signals=("downlink", "estimate", "law", "command")'
         fix = own if log.metadata.get("side") == "vehicle" else every
-        raise InputError("replay", "the log has no outputs of an autopilot", fix=fix)
+        raise InputError("replay", "the log contains no outputs of an autopilot", fix=fix)
     ticks, about = log.ticks[steps.rows], {**log.metadata, "backend": backend}
     was = {p: log[p][steps.rows] for p in shared}
     with np.errstate(invalid="ignore"):
@@ -290,12 +290,12 @@ def _compare_outputs(log: Log, steps: RecordedSteps, outputs: dict[str, Any], ba
 
 
 class Difference(NamedTuple):
-    """Comparison of two logs.
+    """Result of the comparison of two logs of the same run.
 
-    switch: first whole number or flag that differs, or None. From then on two correct backends may differ, because a
-    rounding error has crossed a threshold.  instants: number of instants before the switch.
-    number: first real number before the switch whose difference exceeds the tolerance, or None.
-    worst: path -> largest difference before the switch, as a fraction of the signal's largest magnitude.
+    switch: first difference of an integer or flag, or None. After it, two correct backends may differ, because a
+    rounding error has crossed a threshold.  instants: number of instants before this difference.  number: first
+    difference of a real number, before `switch`, that exceeds the tolerance, or None.  worst: path of a signal ->
+    largest difference before `switch`, as a fraction of the signal's largest magnitude.
     """
 
     instants: int
@@ -305,7 +305,7 @@ class Difference(NamedTuple):
 
     @property
     def is_equal(self) -> bool:
-        """Return True if all real numbers agree up to the first switch."""
+        """Return True if all real numbers agree up to the first difference of an integer or flag."""
         return self.number is None
 
 
@@ -316,9 +316,9 @@ def compare_logs(one: Log, other: Log, tolerance: float = TOLERANCE) -> Differen
 
     Args:
         one, other: logs with the same instants and signals.
-        tolerance: tolerance for real numbers, as a fraction of the signal's largest magnitude in `one`, which counts as
-            at least 1e-3. A signal may also differ by ROUNDINGS rounding errors of the largest signal in the same
-            unit, because it may be the difference of two large signals.
+        tolerance: tolerance for real numbers, as a fraction of the signal's largest magnitude in `one`. A magnitude
+            below 1e-3 counts as 1e-3. Differences of up to ROUNDINGS rounding errors of the largest signal in the same
+            unit are also accepted, because a signal may be the difference of two large signals.
 
     Raises:
         InputError: the logs have different instants or different signals.
@@ -343,7 +343,7 @@ def compare_logs(one: Log, other: Log, tolerance: float = TOLERANCE) -> Differen
 
 
 def _largest_by_unit(log: Log, paths: list[str]) -> dict[str, float]:
-    """Return unit -> largest finite magnitude of the signals in this unit."""
+    """Return the unit -> largest finite magnitude of all signals with this unit."""
     largest: dict[str, float] = {}
     for path in paths:
         finite = np.abs(log[path][np.isfinite(log[path])])
@@ -352,7 +352,7 @@ def _largest_by_unit(log: Log, paths: list[str]) -> dict[str, float]:
 
 
 def _largest_gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the largest difference of two signals at each instant. NaN equals only NaN."""
+    """Return the largest difference between the components of two signals at each instant. NaN equals only NaN."""
     same = (a == b) | (np.isnan(a) & np.isnan(b))
     with np.errstate(invalid="ignore"):
         gap = np.where(same, 0.0, np.abs(a - b))
@@ -364,10 +364,10 @@ def _differing_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _first_difference(one: Log, other: Log, apart: list[tuple[str, np.ndarray]], until: int) -> Divergence | None:
-    """Return the first difference of two logs, or None.
+    """Return the first difference between two logs, or None.
 
-    apart: path and mask (n,) of each signal, True where the signal differs.  until: number of instants that are
-    searched. If several signals differ at the same instant, the first in alphabetical order is returned.
+    apart: path of each signal, and mask (n,) of the instants at which the signal differs.  until: number of instants
+    that are searched. If several signals differ at the same instant, the first in alphabetical order is returned.
     """
     rows = [(int(bad.argmax()), path) for path, bad in apart if bad[:until].any()]
     if not rows:
@@ -379,9 +379,9 @@ def _first_difference(one: Log, other: Log, apart: list[tuple[str, np.ndarray]],
 
 
 def first_bit_difference(one: Log, other: Log) -> Divergence | None:
-    """Return the first difference in bits between two logs of the same signals, or None.
+    """Return the first difference, bit for bit, between two logs with the same signals, or None.
 
-    All NaN are equal, because a log does not store their payload bits. -0.0 does not equal 0.0.
+    Two NaN are equal, because a log does not store the payload bits of a NaN. -0.0 does not equal 0.0.
     """
     firsts: list[tuple[int, int, int]] = []
     for order, path in enumerate(one.paths):

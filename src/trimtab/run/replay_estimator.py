@@ -1,7 +1,7 @@
-"""Replay of an estimator alone, with the samples in the log of a recorded run or of any vehicle.
+"""Replay of an estimator without the rest of an autopilot, with the samples in a log of any vehicle.
 
-No scenario, vehicle or law is needed. The log needs to contain only the samples that the estimator reads, with one row
-for each instant at which a sample arrived. `logs.samples.log_samples` creates such a log.
+No scenario, vehicle or law is needed. The log must contain the samples that the estimator reads, with one row for each
+instant at which a sample arrived. `logs.samples.log_samples` creates such a log.
 """
 
 from typing import Any
@@ -24,21 +24,21 @@ from trimtab.run.replay import find_steps, step_c, step_jax
 from trimtab.run.runner import choose_c
 
 ESTIMATE = "estimate"
-"""First component of the paths under which a log contains the estimator's output."""
+"""First component of the log paths of the estimator's outputs."""
 
 
 def replay_estimator(log: Log, estimator: Any, *, backend: str = "auto", seed: int = 0) -> Log:
-    """Step an estimator over a log. Return a log with the same signals and the estimator's output ``estimate.…``.
+    """Run an estimator with the samples in a log. Return a log with the estimator's outputs added as ``estimate.…``.
 
     Args:
-        log: log whose signals ``downlink`` are samples of all sensors that the estimator reads. In a simulation or a
-            flight the rows are the autopilot's steps, as for `replay`.
-            estimator: an estimator, as in an autopilot.
+        log: log whose signals ``downlink`` contain the samples of all sensors that the estimator reads. In the log of a
+            simulation or flight, the rows at the control steps are used, as in `replay`.
+        estimator: estimator, as used in an autopilot.
         backend: "c", "jax" or "auto", as in `simulate`.
-        seed: seed of the estimator's random numbers, if it uses any.
+        seed: seed of the estimator's random numbers, if the estimator uses random numbers.
 
     Raises:
-        InputError: steps, or signals that the estimator reads, are missing in the log.
+        InputError: control steps, or signals that the estimator reads, are missing in the log.
     """
     if hasattr(estimator, "check"):
         estimator.check()
@@ -64,7 +64,7 @@ def replay_estimator(log: Log, estimator: Any, *, backend: str = "auto", seed: i
 
 
 def estimator_block(log: Log, estimator: Any, seed: int = 0) -> BlockDefinition:
-    """Return the estimator as a block. Its input is a `Frame` with the samples in the log, its output an `Estimate`."""
+    """Return an estimator as a block. Input: `Frame` with the samples in the log. Output: `Estimate`."""
     samples = {name: _sample_structure(log, name) for name in estimator.listens}
     parameters, key = to_arrays(estimator), root_key(seed)
 
@@ -91,7 +91,7 @@ def _check_fields(log: Log, block: BlockDefinition) -> None:
         base = f"{RECEIVED}.{sensor}.value."
         there = [p.removeprefix(base) for p in log.paths if p.startswith(base)]
         problem = f"the log's samples of {sensor!r} have no field {error.name!r}, which the estimator reads"
-        fix = f"add this field to the samples; for a foreign log, in the mapping, below [sensor.{sensor}.fields]:"
+        fix = f"add this field to the samples; for a log of another program, in the mapping [sensor.{sensor}.fields]:"
         fix += f"  {error.name} = {{from = …}}  or  {{constant = …}}"
         raise InputError("replay", problem, choices=there, fix=fix) from None
 
@@ -101,7 +101,7 @@ def _sample_structure(log: Log, name: str) -> Sample:
     fields = {p.removeprefix(base): p for p in log.paths if p.startswith(base)}
     if not fields or f"{RECEIVED}.{name}.t" not in log:
         known = sorted({p.split(".")[1] for p in log.paths if p.startswith(f"{RECEIVED}.")})
-        fix = "name the log's sensor in the estimator, or write the samples with logs.samples.log_samples"
+        fix = "set the estimator to a sensor that the log contains, or write the samples with logs.samples.log_samples"
         problem = f"the log has no samples of {name!r}, which the estimator reads"
         raise InputError("replay", problem, choices=known, fix=fix)
     members = {field: log.declarations.get(path, Quantity("1", f"Field {field}.")) for field, path in fields.items()}

@@ -1,4 +1,4 @@
-"""Execution of one or many runs, in C or on JAX. `simulate` and `simulate_batch` use this module."""
+"""Execution of one or many runs with backend C or JAX. `simulate` and `simulate_batch` use this module."""
 
 import functools
 import sys
@@ -24,7 +24,8 @@ from trimtab.run.walk_structure import WalkStructure, build_walk_library, final_
 MAX_INSTANTS = 200_000_000
 BACKENDS = ("auto", "c", "jax")
 LEAST_LANE_RUNS = 64
-"""Minimum number of runs for which the program is compiled with vector lanes, which fly several runs at a time."""
+"""Minimum number of runs for which the program is compiled with vector instructions, which compute several runs at a
+time."""
 _reported_parts: set[str] = set()
 
 T = TypeVar("T")
@@ -33,7 +34,10 @@ T = TypeVar("T")
 def prepare_run(
     scenario: Scenario, seeds: list[int], duration: int | None, log_period: int
 ) -> tuple[Scenario, Timetable, Any]:
-    """Return the checked scenario, its instants, and a mask of the logged instants."""
+    """Return the checked scenario, the instants of a run, and a mask of the logged instants.
+
+    duration: duration of the run (100 ns), or None for the scenario's.  log_period: time between log rows (100 ns).
+    """
     if duration is not None:
         scenario = replace(scenario, duration=duration)
     scenario.check()
@@ -50,19 +54,19 @@ def prepare_run(
     count = sum(scenario.duration // p for p in set(periods))
     if count > MAX_INSTANTS:
         problem = f"{format_time(scenario.duration)} takes about {count:.1e} instants, more than {MAX_INSTANTS:.0e}"
-        raise InputError("duration", problem, fix="give a shorter duration, or longer periods")
+        raise InputError("duration", problem, fix="choose a shorter duration, or longer periods")
     table = timetable(periods, scenario.duration, scenario.world.max_step)
     return scenario, table, table.t % log_period == 0
 
 
 def choose_c(backend: str, prepare: Callable[[], T]) -> T | None:
-    """Return the result of `prepare` if the backend is C, or None if it is JAX.
+    """Return the result of `prepare`, which compiles the program, if the backend is C, or None if the backend is JAX.
 
-    With "c", the backend is C. With "auto", it is C if available. Otherwise it is JAX, which is about ten times slower.
-    A note about this is printed once.
+    backend: "c", "jax", or "auto" for C if available, else JAX. JAX is about ten times slower. If "auto" selects JAX, a
+    note is printed once.
     """
     if backend not in BACKENDS:
-        raise InputError("backend", f"{backend!r} is not a backend", choices=BACKENDS, fix='backend="auto"')
+        raise InputError("backend", f"{backend!r} is not a valid backend", choices=BACKENDS, fix='backend="auto"')
     if backend == "jax":
         return None
     try:
@@ -70,7 +74,7 @@ def choose_c(backend: str, prepare: Callable[[], T]) -> T | None:
     except InputError as error:
         if backend == "c" or not (isinstance(error, NoCompilerError | BuildError) or error.part == "export"):
             raise
-        _report_once(f"flying on JAX, about ten times slower: {error}", error.part)
+        _report_once(f"running on JAX, which is about ten times slower than C: {error}", error.part)
         return None
 
 
@@ -81,7 +85,7 @@ def _report_once(note: str, part: str) -> None:
 
 
 def check_signals(of: WalkStructure) -> None:
-    """Raise InputError if a requested signal does not exist in the loop."""
+    """Raise InputError if a signal that the user requested does not exist in the loop."""
     paths = [column.path for column in row_columns(of._replace(signals=()))]
     for name in of.signals:
         if not any(path == name or path.startswith(name + ".") for path in paths):
@@ -90,13 +94,13 @@ def check_signals(of: WalkStructure) -> None:
 
 
 class RunJob(NamedTuple):
-    """Description of the runs to fly.
+    """Description of the runs to execute.
 
-    inputs: inputs of a run.  own: position of each input that differs between runs -> its values, with the run as first
-    axis; empty for a single run.  table: instants of a run.  written: mask of the logged instants.  signals: signals to
-    log or reduce; empty: all.  log: True to keep the logged rows.  stats: True to compute statistics of the logged
-    rows.  threads: number of threads.  progress: function called a few times a second with the number of completed
-    runs.
+    inputs: inputs of a run.  own: position of each input that differs from run to run -> values, with the run as first
+    axis. It is empty for a single run.  table: instants of a run.  written: mask of the logged instants.  signals:
+    paths of the signals to log or to reduce to statistics. Empty: all signals.  log: True to keep the log rows.  stats:
+    True to compute statistics of the log rows.  threads: number of threads.  progress: function called a few times a
+    second with the number of completed runs.
     """
 
     inputs: RunInputs
@@ -116,7 +120,10 @@ class RunJob(NamedTuple):
 
 
 class FlownRuns(NamedTuple):
-    """Results of runs, with their columns. backend: "c", "c lanes" (several runs at a time) or "jax"."""
+    """Results of runs, and the columns of these results.
+
+    backend: backend that was used: "c", "c lanes" (C with vector instructions, several runs at a time) or "jax".
+    """
 
     results: RunResults
     columns: list[Column]
@@ -125,7 +132,7 @@ class FlownRuns(NamedTuple):
 
 
 def fly(job: RunJob, backend: str) -> FlownRuns:
-    """Fly the runs of a job and return their results. backend: "auto", "c" or "jax", see `choose_c`."""
+    """Execute the runs of a job and return the results. backend: "auto", "c" or "jax", see `choose_c`."""
     of = walk_structure(job.inputs, job.table.always, job.signals)
     check_signals(of)
     columns, final = row_columns(of), final_columns(of)
@@ -149,7 +156,7 @@ def fly(job: RunJob, backend: str) -> FlownRuns:
 
 
 def _build_library(of: WalkStructure, job: RunJob) -> tuple[Path, int]:
-    """Return the path of the compiled library and its number of vector lanes; 0: it flies one run at a time."""
+    """Return the path of the compiled library, and the number of runs that it computes at a time (0: one run)."""
     own = frozenset(job.own)
     compiler = find_compiler("c++") if job.runs >= LEAST_LANE_RUNS else None
     lanes = lane_count(compiler) if compiler is not None else 1
@@ -158,12 +165,12 @@ def _build_library(of: WalkStructure, job: RunJob) -> tuple[Path, int]:
             return build_walk_library(of, lanes, own), lanes
         except InputError as error:  # falls back to scalar code
             if error.part != "lanes":
-                _report_once(f"flying runs one by one, not {lanes} at a time: {error}", error.part)
+                _report_once(f"computing runs one by one, not {lanes} at a time: {error}", error.part)
     return build_walk_library(of, 0, own), 0
 
 
 def _fly_jax(job: RunJob) -> RunResults:
-    """Fly the runs of a job on JAX. Several runs are flown together, by vmap over the inputs that differ."""
+    """Execute the runs of a job on JAX. Several runs are computed together, by vmap over the inputs that differ."""
     rows = int(job.written.sum())
     row = np.minimum(row_numbers(job.written), rows).astype(np.int32)
     timing = (job.table.t, job.table.h, row)

@@ -1,7 +1,7 @@
-"""Simulation of a scenario in virtual time, as one compiled loop over all instants.
+"""Simulation of a scenario in virtual time, as one compiled loop over all instants of a run.
 
-A single run is flown, or many runs in parallel by vector instructions and threads. Signals are logged, or reduced to
-minimum, maximum, mean and RMS during the run.
+`simulate` executes a single run. `simulate_batch` executes many runs in parallel, with vector instructions and threads.
+Signals are logged, or reduced to minimum, maximum, mean and RMS during the run.
 """
 
 import functools
@@ -34,7 +34,7 @@ from trimtab.run.walk_structure import build_walk_library, final_columns, row_co
 from trimtab.scenarios.build import find_scenario
 
 BUILT = {name: f'simulate(build("SCENARIO", {name}=…))' for name in ("settings", "without", "faults", "calibration")}
-"""Arguments of `build` that a user may pass to `simulate` by mistake -> the correct call."""
+"""Argument of `build` that users may pass to `simulate` by mistake -> correct call."""
 
 
 @explain_call(BUILT)
@@ -55,21 +55,21 @@ def simulate(
     100
 
     Args:
-        scenario: the scenario, or its name (`scenarios.build`). It is checked completely before the run.
+        scenario: scenario, or name of a scenario (`scenarios.build`). It is checked completely before the run.
         seed: seed of the random numbers, 0 … 2**32 - 1.
         run: number of the run within a study. Seed and run number together determine every random number.
-        duration: "30 s", or integer time (100 ns units). None: the scenario's duration.
-        log_period: time between rows of the log, "10 ms" or integer time. A row is written at each multiple of this
-            time at which a part of the loop runs.
+        duration: duration of the run, as text ("30 s") or integer (100 ns). None: the scenario's duration.
+        log_period: time between two log rows, as text ("10 ms") or integer (100 ns). A row is written at each multiple
+            of this time at which a part of the loop runs.
         signals: signals to log, e.g. ("truth", "law.mode"). A name includes all signals below it. Empty: all signals.
-        backend: "c" compiles the loop with the machine's C compiler, "jax" flies it on JAX, "auto" uses C if available.
-            Results agree up to rounding (docs page, Backends).
+        backend: "c" to compile the loop with the machine's C compiler, "jax" to run it on JAX, "auto" for C if
+            available, else JAX. Results agree up to rounding (docs page, Backends).
 
     Returns:
-        The log: every signal by its path, the true state at the end, and all data needed to repeat the run.
+        The log. It contains the signals by path, the true state at the end, and all data needed to repeat the run.
 
     Raises:
-        InputError: a value, period or name is invalid, or parts of the scenario are incompatible.
+        InputError: a value, period or name is invalid, or parts of the scenario don't fit each other.
     """
     check_seed(seed)
     check_seed(run, "run")
@@ -89,7 +89,7 @@ def simulate(
 def _resolve(
     scenario: Scenario | str, duration: int | str | None, log_period: int | str
 ) -> tuple[Scenario, int | None, int]:
-    """Return scenario, duration and log period as objects and integer times, converted from a name and texts."""
+    """Return the scenario, the duration and the log period. Names are replaced by scenarios, and texts by times."""
     length = None if duration is None else as_time("duration", duration)
     own, each = find_scenario(scenario), as_time("log_period", log_period)
     check_log_period(each, own.duration if length is None else length)
@@ -97,9 +97,9 @@ def _resolve(
 
 
 def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals: tuple[str, ...] = ()) -> Program:
-    """Return a scenario as a compiled program that runs without JAX.
+    """Return a scenario as a compiled program, which runs without JAX.
 
-    Raise InputError in the same cases as `simulate`, or if no C compiler is found.
+    Raise InputError for an invalid scenario or signal, or if no C compiler is found.
     """
     scenario, table, _ = prepare_run(scenario, [], duration, ms(1))
     inputs = run_inputs(scenario)
@@ -120,7 +120,7 @@ def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals
 
 
 class _KeptProgram(NamedTuple):
-    """Cached program, with the structure, leaves and array contents of its scenario, by which changes are detected."""
+    """Cached program, with structure, leaves and array contents of the scenario, to detect changes of the scenario."""
 
     program: Program
     tree: Any
@@ -130,12 +130,12 @@ class _KeptProgram(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def _kept_programs(_: Scenario, __: int | None, ___: tuple[str, ...]) -> list[_KeptProgram]:
-    """Return the cache entry of a scenario object: a list, which contains the program after it has been compiled."""
+    """Return the cache entry of a scenario object. It is a list, to which the compiled program is added later."""
     return []
 
 
 def _find_program(scenario: Scenario, duration: int | None, signals: tuple[str, ...]) -> Program:
-    """Return the scenario's program. Compile it unless it is cached and no value in the scenario has changed since."""
+    """Return the compiled program of a scenario, from the cache if no value in the scenario has changed."""
     kept = _kept_programs(scenario, duration, signals)
     leaves, tree = jax.tree.flatten(scenario)
     contents = [v.tobytes() for v in leaves if isinstance(v, np.ndarray)]
@@ -159,7 +159,7 @@ def simulate_many(
     backend: str = "auto",
     threads: int | None = None,
 ) -> list[Log]:
-    """Run `simulate` for many seeds at once and return the logs. Log i equals the log of a single run with seeds[i]."""
+    """Run a scenario with many seeds and return the logs. Log i equals that of `simulate` with seed seeds[i]."""
     chosen = list(seeds)
     own, length, each = _resolve(scenario, duration, log_period)
     own, table, written = prepare_run(own, chosen, length, each)
@@ -177,12 +177,12 @@ def simulate_many(
 
 
 class Batch(NamedTuple):
-    """Results of n runs. The keys of dictionaries are signal paths. The first axis of their arrays is the run.
+    """Results of n runs. The dictionaries have signal paths as keys, and arrays with the run as first axis as values.
 
-    seeds: (n,).  ticks: logged instants, 100 ns.  log: signals (n, rows, …), or empty.  least, most, mean, rms:
-    minimum, maximum, mean and RMS of each signal over the logged rows of a run, (n, …).  final: true state at the end,
-    (n, …).  columns: signals in a row.  backend: "c", "c lanes" (vector instructions) or "jax".
-    spread: path of a parameter that differs between runs -> its values (n, …).
+    seeds: seeds of the runs (n,).  ticks: times of the log rows, 100 ns.  log: logged signals (n, rows, …), or empty.
+    least, most, mean, rms: minimum, maximum, mean and RMS of each signal over the log rows of a run, (n, …).  final:
+    true state at the end, (n, …).  columns: signals in a log row.  backend: "c", "c lanes" (C with vector instructions)
+    or "jax".  spread: path of a parameter that differs from run to run -> values (n, …).
     """
 
     seeds: Any
@@ -213,31 +213,33 @@ def simulate_batch(
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Batch:
-    """Fly a scenario with many seeds, and with parameters that differ from run to run.
+    """Run a scenario with many seeds, and with parameters that may differ from run to run.
 
     >>> from trimtab import simulate_batch
     >>> simulate_batch("hovercraft/spin", seeds=range(4), duration="100 ms").final["truth.yaw_rate"].shape
     (4,)
 
     Args:
-        scenario: the scenario, or its name. It is checked completely before the runs.
-        seeds: a seed for each run.
-        runs: number of each run within a study, which selects its random numbers together with the seed. None: 0 for
-            all runs. For a scenario with m random key words, the words of each run, (n, m), may be given instead.
-        spread: path of a parameter -> its value in each run, shape (n, …), e.g. {"world.vehicle.mass": masses}.
-        signals: signals to reduce, and to log if `log` is True. Empty: all signals.
-        log_period: time between rows. A row is taken at each multiple of this time at which a part of the loop runs.
-        log: True to keep the rows of every run. Memory grows with runs x rows.
-        duration: "30 s", or integer time. None: the scenario's duration.
+        scenario: scenario, or name of a scenario. It is checked completely before the runs.
+        seeds: seed of each run.
+        runs: number of each run within a study, which, together with the seed, selects the random numbers of the run.
+            None: 0 for all runs. For a scenario with m random key words, an array (n, m) with the words of each run is
+            also possible.
+        spread: path of a parameter -> value in each run, shape (n, …), e.g. {"world.vehicle.mass": masses}.
+        signals: signals whose statistics are computed, and which are logged if `log` is True. Empty: all signals.
+        log_period: time between two log rows. A row is taken at each multiple of this time at which a part of the loop
+            runs.
+        log: True to keep the log rows of every run. The memory is proportional to runs x rows.
+        duration: duration of a run, as text ("30 s") or integer (100 ns). None: the scenario's duration.
         backend: "auto", "c" or "jax", as in `simulate`.
         threads: number of threads. None: the number of cores.
-        progress: function called a few times a second with the number of completed runs, only with backend C.
+        progress: function called a few times a second with the number of completed runs (only with backend C).
 
     Returns:
-        Minimum, maximum, mean and RMS of the rows, the true state at the end, and the rows if `log` is True.
+        Minimum, maximum, mean and RMS of each signal, the true state at the end, and the log rows if `log` is True.
 
     Raises:
-        InputError: as `simulate`; or `spread` contains an unknown path or values of a wrong shape.
+        InputError: as for `simulate`. Also if `spread` contains an unknown path or values of a wrong shape.
     """
     chosen = list(seeds)
     flying, length, each = _resolve(scenario, duration, log_period)

@@ -1,4 +1,5 @@
-"""Structure of a simulated loop: all data on which its C text depends, the columns of its log, and its program."""
+"""Structure of a simulated loop: all data on which the loop's C text depends. Also log columns and C program of a
+loop."""
 
 import functools
 from pathlib import Path
@@ -20,8 +21,8 @@ from trimtab.run.program import Column
 class WalkStructure(NamedTuple):
     """All data that determine the compiled text of a loop.
 
-    tree: tree structure of the inputs.  shapes: shape and type of each input.  always: periods of the blocks that are
-    due at every instant.  signals: names of the logged signals.
+    tree: tree structure of the inputs.  shapes: shape and data type of each input.  always: periods of the blocks that
+    are computed at every instant.  signals: paths of the logged signals.
     """
 
     tree: Any
@@ -30,25 +31,31 @@ class WalkStructure(NamedTuple):
     signals: tuple[str, ...]
 
     def zero_inputs(self) -> RunInputs:
-        """Return inputs of this structure, with every number zero."""
+        """Return inputs with this structure, with every number zero."""
         return jax.tree.unflatten(self.tree, [np.zeros(shape, dtype) for shape, dtype in self.shapes])
 
 
 def walk_structure(inputs: RunInputs, always: frozenset[int], signals: tuple[str, ...]) -> WalkStructure:
-    """Return the structure of a loop with these inputs. always: periods of the blocks due at every instant."""
+    """Return the structure of a loop with the given inputs.
+
+    always: periods of the blocks that are computed at every instant.  signals: paths of the signals to log.
+    """
     leaves, tree = jax.tree.flatten(inputs)
     return WalkStructure(tree, tuple((np.shape(v), str(np.asarray(v).dtype)) for v in leaves), always, signals)
 
 
 @jax.jit
 def _initial_states(inputs: RunInputs) -> tuple[WorldState, AutopilotState]:
-    """Return the states before the first instant. JAX traces this function once for each structure of inputs."""
+    """Return the states of world and autopilot before the first instant.
+
+    JAX traces this function only once for inputs with the same structure.
+    """
     return inputs.initial_states()
 
 
 @functools.lru_cache(maxsize=32)
 def _first_instant(of: WalkStructure) -> tuple[WorldState, Signals]:
-    """Return shapes and types of the world's state and of the signals. JAX traces them only once per structure."""
+    """Return shapes and data types of the world's state and of the signals. JAX traces the loop once per structure."""
 
     def begin(inputs: RunInputs) -> tuple[WorldState, Signals]:
         states = _initial_states(inputs)
@@ -58,20 +65,20 @@ def _first_instant(of: WalkStructure) -> tuple[WorldState, Signals]:
 
 
 def signal_structure(inputs: RunInputs) -> Signals:
-    """Return shapes and types of the signals of a run. Nothing is flown."""
+    """Return shapes and data types of the signals of a run, without executing the run."""
     return _first_instant(walk_structure(inputs, frozenset(), ()))[1]
 
 
 @functools.lru_cache(maxsize=32)
 def row_columns(of: WalkStructure) -> list[Column]:
-    """Return the columns of a log row."""
+    """Return the columns of a log row of a loop."""
     _, structure = _first_instant(of._replace(always=frozenset(), signals=()))
     return [Column(p, v.shape, str(v.dtype), declared) for p, v, declared in logged_signals(structure, of.signals)]
 
 
 @functools.lru_cache(maxsize=32)
 def final_columns(of: WalkStructure) -> list[Column]:
-    """Return the columns of the final values: the true state, and the integration method's report on the last step."""
+    """Return the columns of the final values of a run: the true state, and the integration report of the last step."""
     s, _ = _first_instant(of._replace(always=frozenset(), signals=()))
     last = {"truth": s.x, "world": s.integrated}
     return [
@@ -83,25 +90,25 @@ def final_columns(of: WalkStructure) -> list[Column]:
 
 @functools.lru_cache(maxsize=32)
 def lower_structure(of: WalkStructure) -> WalkProgram:
-    """Return the program of a structure. It does not depend on the values of the inputs."""
+    """Return the program of a loop. It depends only on the loop's structure, and not on the values of the inputs."""
     begin, step, count = _trace_closed_loop(of.zero_inputs(), of.always, of.signals)
     return lower_walk(begin, step, count)
 
 
 @functools.lru_cache(maxsize=64)
 def build_walk_library(of: WalkStructure, lanes: int = 0, own: frozenset[int] = frozenset()) -> Path:
-    """Build the shared library of a loop, and return its path.
+    """Build the shared library of a loop, and return the path of the library.
 
-    lanes: number of runs that the library flies at a time; 0: one.  own: positions of the inputs that differ between
-    runs.
+    lanes: number of runs that the library computes at a time (0: one run).  own: positions of the inputs that differ
+    from run to run.
     """
     return build_program(lower_structure(of), lanes, own)
 
 
 def _trace_closed_loop(inputs: RunInputs, always: frozenset[int], names: tuple[str, ...]) -> tuple[Any, Any, int]:
-    """Return the traced functions "begin" and "step", and the number of leaves of the state that are final values.
+    """Return the traced functions "begin" and "step" of a loop, and the number of final values.
 
-    These leaves are the first leaves of the state: the true state and the integration method's report.
+    The final values are the first leaves of the state that "step" returns: true state and integration report.
     """
 
     def flat(inputs: RunInputs, s: Any, a: Any) -> Any:

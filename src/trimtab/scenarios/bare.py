@@ -1,4 +1,4 @@
-"""Empty scenario that contains ideal links only. It is the base of a scenario file that names no base."""
+"""Empty scenario that contains only ideal radio links. It is the base of a scenario file that names no base."""
 
 from typing import Any
 
@@ -9,7 +9,8 @@ from trimtab.loop.world import World
 
 
 def scenario() -> Scenario:
-    """Return a scenario without vehicle, sensor or law. Settings must add them; `scenarios.build` checks this."""
+    """Return a scenario without vehicle, sensors and autopilot. Settings must add these parts (see
+    `scenarios.build`)."""
     nothing: Any = None
     return Scenario(
         world=World(vehicle=nothing, sensors={}, actuators=nothing, downlink=Wire(), uplink=Wire()),

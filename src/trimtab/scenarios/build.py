@@ -34,12 +34,12 @@ CALIBRATION = "calibration"
 REFERENCE = "reference"
 PREDICTOR = "predictor"
 SPECIAL = (*LINKS, *link_latency.SETTINGS, MISMATCH, CALIBRATION, REFERENCE, PREDICTOR, GAIN)
-"""Names of settings that are not paths in the scenario."""
+"""Names of settings of a scenario that are not paths of fields."""
 SWITCH = {
     "off": "the law reads the estimate unchanged",
     "on": "a predictor propagates the estimate over the delay of both links, with the commands in transit",
 }
-"""Choices of the setting ``predictor``, which every scenario has."""
+"""Choices of the setting ``predictor``, with a description of each choice. Every scenario has this setting."""
 NEEDED = {
     "world.vehicle": "Hovercraft",
     "world.actuators": "FanDrive",
@@ -48,7 +48,7 @@ NEEDED = {
     "autopilot.allocation": "ThrustVectorAllocation",
     "initial": "HovercraftState",
 }
-"""Parts that every scenario must have, by path, each with an example."""
+"""Path of each part that a scenario must have -> example of a class of this part."""
 
 
 @explain_call({"settings": 'build("SCENARIO", settings={"PATH": VALUE})'})
@@ -61,7 +61,7 @@ def build(
     in_virtual_time: bool = True,
     gain: "Certificate | None" = None,
 ) -> Scenario:
-    """Build the named scenario with these settings and check it. Its field `choices` records the arguments.
+    """Build the named scenario with the given settings and check it. Its field `choices` records the arguments.
 
     >>> from trimtab import build
     >>> build("hovercraft/spin", {"links": "measured", "world.vehicle.mass": "3000 g"}).world.vehicle.mass
@@ -69,21 +69,21 @@ def build(
 
     Args:
         name: a name in the catalogue, or ``file.py:function``, or a scenario file, ``file.toml``
-            (`scenarios.toml_file`). `settings` override the settings in a file.
-        settings: text or number by path, in the notation of ``--set``. These names are not paths: "uplink" or
-            "downlink" gives the file of a recording that the link repeats; "uplink.delay", "uplink.jitter",
-            "uplink.loss" and the same for the downlink set the latency (`loop.link_latency`); "mismatch" names vehicle
-            models in the autopilot that may differ from each other (`loop.model_mismatch`); "calibration" gives a file
-            of `trimtab calibrate`; "predictor" is "on" or "off" (`loop.predictor`); "reference" is the path that the
-            law follows (`loop.reference_text`); "gain" gives a file of a gain that replaces the law
-            (`scenarios.gain_file`). A value such as ``steps(0 s: 1, 5 s: 2)`` changes in flight
-            (`loop.setpoint_schedule`). Settings override a calibration.
+            (`scenarios.toml_file`). `settings` override the settings in a scenario file.
+        settings: path of a field -> text or number, as after ``--set``. They override a calibration. A value such as
+            ``steps(0 s: 1, 5 s: 2)`` changes in flight (`loop.setpoint_schedule`). These names are not paths of fields:
+            "uplink", "downlink": file with a recording of a radio link, which is replayed instead of the simulated
+            link. "uplink.delay", "uplink.jitter", "uplink.loss", and the same for "downlink": see `loop.link_latency`.
+            "mismatch": vehicle models in the autopilot that may differ from each other (`loop.model_mismatch`).
+            "calibration": file written by `trimtab calibrate`. "predictor": "on" or "off" (`loop.predictor`).
+            "reference": path that the law follows (`loop.reference_text`). "gain": file of a feedback gain that
+            replaces the law (`scenarios.gain_file`).
         without: imperfections to switch off.  faults: faults to inject, in the notation of ``--fault``.
-        calibration: a calibration that is not in a file.
-        in_virtual_time: True if the flight ends after the scenario's duration, so that a later fault is an error.
-        gain: a gain that is not in a file.
+        calibration: calibration, if it is not given as a file.
+        in_virtual_time: True if the flight ends after the scenario's duration. A fault after this time is an error.
+        gain: feedback gain, if it is not given as a file.
 
-    Raises: InputError with the text to type instead.
+    Raises: InputError for an invalid argument. The message says what to type instead.
     """
     settings = texts_of(settings or {})
     without, faults = ([one] if isinstance(one, str) else list(one) for one in (without, faults))
@@ -95,7 +95,7 @@ def build(
     )
     if not isinstance(scenario, Scenario):
         problem = f"the function must return a Scenario, got {type(scenario).__name__}"
-        raise InputError(f"scenario {name!r}", problem, fix="return Scenario(world=…, autopilot=…)")
+        raise InputError(f"scenario {name!r}", problem, fix="return Scenario(world=…, autopilot=…) from this function")
     if "navigation" in rest:
         _refuse_navigation(name)
     scenario, own = with_parts(scenario, {path: text for path, text in rest.items() if path not in SPECIAL})
@@ -141,14 +141,15 @@ def find_scenario(scenario: Scenario | str) -> Scenario:
     if isinstance(scenario, Scenario):
         return scenario
     if not isinstance(scenario, str):  # pyright: ignore[reportUnnecessaryIsInstance]
-        problem = f"a {type(scenario).__name__} is not a scenario"
-        raise InputError("scenario", problem, fix='give a Scenario or a name, "hovercraft/spin"')
+        problem = f"must be a Scenario or a scenario's name, got a {type(scenario).__name__}"
+        raise InputError("scenario", problem, fix='use a Scenario or a name such as "hovercraft/spin"')
     return _keep_scenario(scenario) if scenario in catalogue.scenario_names() else build(scenario)
 
 
 @functools.lru_cache(maxsize=32)
 def _keep_scenario(name: str) -> Scenario:
-    """Return a scenario of the catalogue. Later calls return the same object, so that it is compiled only once."""
+    """Return a scenario of the catalogue. Later calls return the same object, so that a scenario is compiled only
+    once."""
     return build(name)
 
 
@@ -159,9 +160,9 @@ def _build_file(
     faults: list[str],
     others: "tuple[Calibration | None, bool, Certificate | None]",
 ) -> Scenario:
-    """Return the scenario of a file: its base scenario with the file's settings. Logs record the base and the settings.
+    """Return the scenario that a scenario file describes: the base scenario with the settings in the file.
 
-    others: further arguments of `build`, passed on unchanged.
+    Logs record the base and the settings. others: arguments of `build` that are passed on unchanged.
     """
     file = read_scenario_file(name)
     build_base = functools.partial(
@@ -186,11 +187,11 @@ def _build_file(
 
 
 def _refuse_gaps(scenario: Scenario, settings: Iterable[str]) -> None:
-    """Raise InputError if a scenario without a base lacks a part, or if a setting is not a field of a scenario."""
+    """Raise InputError if a scenario without a base scenario lacks a part, or if a setting is not a field."""
     if scenario.world.vehicle is None:
         known = declarations(scenario)
         for path in [path for path in settings if path.partition(".")[0] not in known]:
-            fix = 'base = "hovercraft/spin"  names the scenario that a file starts from'
+            fix = 'write  base = "hovercraft/spin"  to base the file on a scenario of the catalogue'
             raise InputError(
                 argument_name("settings", path), "there is no such setting", choices=["base", *known], fix=fix
             )
@@ -199,30 +200,33 @@ def _refuse_gaps(scenario: Scenario, settings: Iterable[str]) -> None:
         if getattr(getattr(scenario, owner) if owner else scenario, field) is None:
             raise InputError(
                 argument_name("settings", path),
-                "the part is missing",
-                fix=f"name a part: {argument('settings', example, path)}",
+                "this part of the scenario is missing",
+                fix=f"set the class of the part: {argument('settings', example, path)}",
             )
 
 
 def _typed_reference(name: str, settings: Mapping[str, str]) -> str:
-    """Return the setting "reference", or "" if it is missing or names one of the scenario's own references."""
+    """Return the reference path given as text or file name in the setting "reference".
+
+    Return "" if the setting is missing, or is the name of a reference that the scenario defines.
+    """
     text = settings.get(REFERENCE, "")
     return "" if text in catalogue.scenario_choices(name).get(REFERENCE, ()) else text
 
 
 def _replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
-    """Return the scenario with links that repeat the recordings of ``uplink=FILE.csv`` and ``downlink=FILE.csv``.
+    """Return the scenario with links that replay the recordings in ``uplink=FILE.csv`` and ``downlink=FILE.csv``.
 
-    Each new link sends with the period of the link that it replaces. Its receiver polls every millisecond.
+    Each new link has the sending period of the replaced link. The receiver polls the link every millisecond.
 
-    Raises: InputError for a file that is not a recording.
+    Raises: InputError for a file that is not the recording of a link.
     """
     world = scenario.world
     for name in LINKS:
         if name in settings:
             file, own = settings[name], getattr(world, name)
             if not file.endswith(".csv"):
-                fix = f"{argument('settings', 'FILE.csv', name)}, as  trimtab link-test URI --out DIR  writes it"
+                fix = f"{argument('settings', 'FILE.csv', name)}, a file written by  trimtab link-test URI --out DIR"
                 raise InputError(argument_name("settings", name), f"{file!r} is not a recording of a link", fix=fix)
             trace, each = read_trace(file), optional_member(own, "send_period") or own.period
             slots = required_slots(float(trace.latency_s.max()), each, ms(1))
@@ -232,9 +236,9 @@ def _replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]
 
 
 def _add_predictor(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
-    """Return the scenario with a predictor that uses the autopilot's vehicle model, if ``predictor=on`` is set.
+    """Return the scenario with a predictor if ``predictor=on`` is set. It uses the autopilot's vehicle model.
 
-    Raises: InputError for another choice, or an uplink with unknown latency.
+    Raises: InputError for a value other than "on" and "off", or for an uplink with unknown latency.
     """
     chosen = settings.get(PREDICTOR, "off")
     if chosen not in SWITCH:
@@ -249,13 +253,18 @@ def _add_predictor(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
 
 
 def _find_gain(settings: Mapping[str, str], reference: str) -> "Certificate | None":
-    """Return the gain in the file of the setting "gain", or None. Raise InputError if a reference is given as well."""
+    """Return the feedback gain in the file that the setting "gain" names, or None without this setting.
+
+    Raise InputError if a reference path is set as well.
+    """
     if GAIN not in settings:
         return None
     if reference:
-        fix = f"leave gain or reference out; to move the gain's trim: {argument('settings', '…', 'autopilot.law.x0')}"
+        fix = f"leave out gain or reference; to change the trim state: {argument('settings', '…', 'autopilot.law.x0')}"
         raise InputError(
-            argument_name("settings", REFERENCE), "a gain keeps one trim state and cannot follow a reference", fix=fix
+            argument_name("settings", REFERENCE),
+            "a law with a gain file keeps one trim state and cannot follow a reference path",
+            fix=fix,
         )
     from trimtab.scenarios.gain_file import read_gain
 
@@ -263,14 +272,14 @@ def _find_gain(settings: Mapping[str, str], reference: str) -> "Certificate | No
 
 
 def _add_gain(name: str, scenario: Scenario, gain: "Certificate") -> tuple[Scenario, dict[str, str]]:
-    """Return the scenario with a gain as its law, and the entry that describes the gain in logs."""
+    """Return the scenario with a feedback gain as its law, and the log entry that describes the gain."""
     from trimtab.scenarios.gain_file import note_gain, with_gain
 
     return with_gain(name, scenario, gain), note_gain(gain)
 
 
 def _check_gain(gain: "Certificate | None", scenario: Scenario) -> None:
-    """Raise InputError if the gain needs a shorter control period than the scenario has."""
+    """Raise InputError if the loop with the gain is unstable at the scenario's control period."""
     if gain is not None:
         from trimtab.scenarios.gain_file import refuse_slow_sampling
 
@@ -278,14 +287,15 @@ def _check_gain(gain: "Certificate | None", scenario: Scenario) -> None:
 
 
 def _calibrate(scenario: Scenario, calibration: Calibration) -> tuple[Scenario, dict[str, Any]]:
-    """Return the scenario with the values of a calibration, and the entry that describes the calibration in logs."""
+    """Return the scenario with the values of a calibration, and the log entry that describes the calibration."""
     calibrated = with_calibration(scenario, calibration)
     about = {"sha256": calibration.content_hash(), "used": calibrated.used, "unused": list(calibrated.unused)}
     return calibrated.scenario, about | {"content": format_calibration(calibration)}
 
 
 def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> None:
-    """Raise InputError, with similar names, for a name that is neither a choice nor a setting of the scenario."""
+    """Raise InputError for the name of a setting that the scenario does not have. The message suggests similar
+    names."""
     paths = [path for path, _, _ in leaves(scenario)]
     known = [*catalogue.scenario_choices(name), *SPECIAL, *(p for p in paths if "." not in p)]
     for wrong in [n for n in rest if "." not in n and n not in known]:
@@ -299,6 +309,8 @@ def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> N
 def _refuse_navigation(name: str) -> None:
     chosen = {n: catalogue.scenario_choices(n).get("navigation", ()) for n in catalogue.scenario_names()}
     offer = [n for n, choices in chosen.items() if choices]
-    problem = f"scenario {name!r} has only one navigation; these scenarios offer a choice: {', '.join(offer)}"
-    fix = "leave it out; to see the choices here:  " + command(f"trimtab list {name}", f'settings("{name}")')
+    problem = f"scenario {name!r} has only one navigation system; scenarios with a choice: {', '.join(offer)}"
+    fix = "leave this setting out; to see the choices of this scenario:  " + command(
+        f"trimtab list {name}", f'settings("{name}")'
+    )
     raise InputError(argument_name("navigation"), problem, fix=fix)

@@ -1,8 +1,8 @@
-"""Catalogue of the scenarios. Every file in a subfolder of this folder is a scenario, named after its path.
+"""Catalogue of the scenarios. Every Python file in a subfolder of this folder is a scenario, named after its path.
 
-``hovercraft/zero-velocity`` is ``hovercraft/zero_velocity.py``. A file whose name begins with ``_`` is not a scenario.
-A scenario outside the package is named by its module or file and the function, ``my_boat:scenario`` or
-``my_boat.py:scenario``, or by its scenario file, ``my_boat.toml``, or by an FMU, ``x.fmu``.
+For example, ``hovercraft/zero_velocity.py`` contains the scenario ``hovercraft/zero-velocity``. Files whose names begin
+with ``_`` are not scenarios. A scenario outside the package is named by a module or file and a function
+(``my_boat:scenario``, ``my_boat.py:scenario``), by a scenario file (``my_boat.toml``) or by an FMU (``x.fmu``).
 """
 
 import ast
@@ -23,14 +23,14 @@ from trimtab.core.suggestions import closest
 
 TOML = ".toml"
 BARE = "bare"
-"""Name of the base scenario of a scenario file that does not name one."""
+"""Name of the empty scenario, the base of a scenario file that names no base scenario."""
 GAIN = "gain"
-"""Name of the setting whose value is the file of a feedback gain."""
+"""Name of the setting whose value is the name of a file with a feedback gain."""
 FOLDER = Path(__file__).parent
 
 
 def scenario_names() -> dict[str, str]:
-    """Return each scenario's name with the first line of its docstring. Read the files without importing them.
+    """Return the name of each scenario in the catalogue -> first line of its description. No scenario is imported.
 
     >>> from trimtab import scenario_names
     >>> scenario_names()["hovercraft/spin"]
@@ -41,13 +41,16 @@ def scenario_names() -> dict[str, str]:
 
 
 def scenario_files() -> dict[str, Path]:
-    """Return the file of each scenario, by the scenario's name."""
+    """Return the name of each scenario in the catalogue -> its Python file."""
     files = [file for file in sorted(FOLDER.glob("*/*.py")) if not file.name.startswith("_")]
     return {f"{file.parent.name}/{file.stem}".replace("_", "-"): file for file in files}
 
 
 def check_name(name: str, verb: str = "run") -> None:
-    """Raise InputError, with similar names, for a name outside the catalogue. verb: command in the suggested fix."""
+    """Raise InputError for a name that is not in the catalogue. The message suggests similar names.
+
+    verb: subcommand of trimtab to use in the suggestion, e.g. "run".
+    """
     known = scenario_files()
     if name in known:
         return
@@ -57,7 +60,7 @@ def check_name(name: str, verb: str = "run") -> None:
     near = closest(name, family or known, 1) or family[:1]
     every = command(
         "trimtab list  shows all scenarios; your own:  file.py:function",
-        'scenario_names()  gives all scenarios; your own:  "file.py:function"',
+        'scenario_names()  returns all scenarios; your own:  "file.py:function"',
     )
     typed = command(f"trimtab {verb} {near[0]}", f'"{near[0]}"') if near else ""
     fix = f"{typed}      {every}".strip()
@@ -69,7 +72,7 @@ def _refuse_bare_file(name: str, verb: str) -> None:
     if Path(name).is_file():
         problem, fix = "the name of the function in this file is missing", f"trimtab {verb} {name}:scenario"
     else:
-        problem, fix = "there is no such file", f"give a file of your own, as in  trimtab {verb} my_boat.py:scenario"
+        problem, fix = "there is no such file", f"name an existing file, as in  trimtab {verb} my_boat.py:scenario"
     raise InputError(f"scenario {name!r}", problem, fix=fix)
 
 
@@ -78,9 +81,9 @@ def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple
 
     Args:
         name: a name in the catalogue, or ``module:function``, or ``file.py:function``, or ``file.toml``.
-        settings: text by path. Settings that name an argument of the function are passed to it.
+        settings: path of a field, or name of an argument of the scenario's function -> text.
 
-    Raises: InputError for an unknown name or choice, or for an argument without default that no setting gives.
+    Raises: InputError for an unknown name or choice, or if an argument without default is not set.
     """
     build = _find_function(name)
     offered = _argument_choices(build)
@@ -96,9 +99,9 @@ def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple
     for parameter in inspect.signature(build).parameters.values():
         named = parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
         if named and parameter.default is parameter.empty and parameter.name not in arguments:
-            problem = f"the argument {parameter.name!r} of its function has no default and is not set"
+            problem = f"the argument {parameter.name!r} of the scenario's function has no default and is not set"
             fix = argument("settings", "…", parameter.name)
-            fix += "; to export a function that is not a scenario:  example = (…,)  in its file"
+            fix += "; to export a function that is not a scenario, write  example = (…,)  in the function's file"
             raise InputError(f"scenario {name!r}", problem, fix=fix)
     if ":" not in name:
         return build(**arguments), rest
@@ -115,9 +118,10 @@ def scenario_choices(name: str) -> dict[str, tuple[str, ...]]:
 
 
 def choice_lines(name: str) -> dict[str, dict[str, str]]:
-    """Return, by argument, a one-line description of each choice.
+    """Return, for each argument of a scenario, the choices and a one-line description of each choice.
 
-    The descriptions are in the annotations of the scenario's function: ``Annotated[Literal[…], {"choice": "line"}]``.
+    The descriptions are taken from the annotations of the scenario's function:
+    ``Annotated[Literal[…], {"choice": "line"}]``.
     """
     hints = typing.get_type_hints(_find_function(name), include_extras=True)
     noted = {n: hint.__metadata__[0] for n, hint in hints.items() if typing.get_origin(hint) is typing.Annotated}
@@ -144,7 +148,7 @@ def _find_function(name: str) -> Callable[..., Any]:
 
 
 def _file_function(name: str) -> Callable[..., Any]:
-    """Return a function that builds a file's scenario. It takes the arguments of the file's base."""
+    """Return a function that builds the scenario of a scenario file, with the arguments of the file's base scenario."""
     from trimtab.scenarios.toml_file import read_scenario_file  # imported here because looking up a name needs no numpy
 
     base = _find_function(read_scenario_file(name).base)
@@ -157,7 +161,7 @@ def _file_function(name: str) -> Callable[..., Any]:
 
 
 def load_function(name: str) -> Callable[..., Any]:
-    """Return a function outside the package. Its name is ``module:function`` or ``file.py:function``."""
+    """Return a function outside the package, named ``module:function`` or ``file.py:function``."""
     where, _, attribute = name.rpartition(":")
     module = _load_file(name, Path(where)) if where.endswith(".py") else _load_module(name, where)
     build = getattr(module, attribute or "scenario", None)
@@ -174,7 +178,7 @@ def _load_file(name: str, path: Path) -> Any:
     spec = importlib.util.spec_from_file_location(module_name, path)
     if spec is None or spec.loader is None or not path.is_file():
         problem = f"there is no file {str(path)!r}{'' if path.is_absolute() else f' in {Path.cwd()}'}"
-        fix = f"give a path that exists; to create a vehicle: trimtab new vehicle {path.stem}"
+        fix = f"use a path that exists; to create a vehicle: trimtab new vehicle {path.stem}"
         raise InputError(f"scenario {name!r}", problem, fix=fix)
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
@@ -188,7 +192,10 @@ def _load_file(name: str, path: Path) -> Any:
 
 
 def _choose_module_name(path: Path) -> str:
-    """Return the stem of a file, or a longer name if another module has this name, as for a user's random.py."""
+    """Return the module name for a user's file: the file name without .py, or a longer name if this name is taken.
+
+    A file random.py, for example, needs a longer name, because Python has a module of this name.
+    """
     stem, file = path.stem, path.resolve()
     loaded = sys.modules.get(stem)
     try:
@@ -200,7 +207,7 @@ def _choose_module_name(path: Path) -> str:
 
 
 def _own_code_error(name: str, error: Exception) -> InputError:
-    """Return an InputError that gives the line at which a user's own file failed."""
+    """Return an InputError with the line number at which a user's own file failed."""
     from trimtab.loop.own_code import refuse_own_code, refuse_within  # here because looking up a name needs no JAX
 
     return refuse_within(error) if isinstance(error, InputError) else refuse_own_code(f"scenario {name!r}", error)
@@ -218,5 +225,5 @@ def _load_module(name: str, where: str) -> Any:
     except ModuleNotFoundError as error:
         if error.name != where.split(".")[0]:
             raise
-        fix = f"run from the folder that contains {where}.py, or give the file: {where}.py:scenario"
+        fix = f"run trimtab in the folder that contains {where}.py, or name the file: {where}.py:scenario"
         raise InputError(f"scenario {name!r}", f"module {where!r} not found", fix=fix) from None

@@ -1,4 +1,5 @@
-"""Scenario of a single FMU, for a user who gives an .fmu file as scenario. The inputs are constant or scheduled."""
+"""Scenario whose vehicle is an FMU, for users who name an .fmu file as scenario. Its inputs are constant or
+scheduled."""
 
 import math
 from collections.abc import Callable
@@ -20,19 +21,19 @@ from trimtab.vehicles.fmu import first_state, load, neutral_input, read_interfac
 Trust = Annotated[
     Literal["no", "yes"],
     {
-        "no": "no program in the FMU is run",
-        "yes": "the program in the FMU runs with your permissions; choose this only if you trust the author of the FMU",
+        "no": "the program code in the FMU is not run",
+        "yes": "the program code in the FMU runs with your permissions; choose this only if you trust its author",
     },
 ]
 
 
 def fmu_scenario(file: str) -> Callable[..., Scenario]:
-    """Return the function that builds the scenario of an FMU."""
+    """Return a function that builds the scenario of an FMU. file: path of the .fmu file."""
 
     def scenario(trust_code: Trust = "no") -> Scenario:
-        """Return a scenario with the duration and the step of the FMU's default experiment."""
+        """Return the scenario of the FMU, with the duration and the step size of the FMU's default experiment."""
         if not Path(file).is_file():
-            fix = "give the path of an .fmu file"
+            fix = "type the path of an existing .fmu file"
             raise InputError(f"scenario {file!r}", "there is no such file", fix=fix)
         vehicle, interface = load(file, trust_code=trust_code == "yes"), read_interface(file)
         period = _ticks(interface.step_s) or ms(10)

@@ -1,8 +1,8 @@
-"""Fly a scenario with a gain from ``trimtab design VEHICLE --lqr --out FILE``: setting ``gain=FILE.json``.
+"""Flight of a scenario with a gain file of ``trimtab design VEHICLE --lqr --out FILE``: setting ``gain=FILE.json``.
 
-The gain replaces the law and acts about the trim in its file. The law's vehicle model is the vehicle for which the gain
-was designed; the world keeps the scenario's vehicle. The file is data: no code that it names is run, except the
-catalogue's own scenarios.
+The gain replaces the scenario's law, and feeds back deviations from the trim point in the file. The law's vehicle model
+is the vehicle for which the gain was designed. The simulated vehicle is still that of the scenario. A gain file is
+data: no code that is named in it is run, except the scenarios of the catalogue.
 
 Source: docs page, Gains in flight.
 """
@@ -33,19 +33,19 @@ from trimtab.scenarios.catalogue import GAIN
 
 VEHICLE = "world.vehicle."
 BAND = 0.2
-"""Tolerance of a target, as a fraction of the state's limit in the design of the gain."""
+"""Tolerance of a target value, as a fraction of the allowed deviation of the state in the gain's design."""
 TURNING = "rad/s"
-"""Unit of angular rates. A flight has no targets for states with this unit."""
+"""Unit of angular rates. A flight with a gain file has no target values for states with this unit."""
 
 
 def read_gain(file: str) -> Certificate:
-    """Return the gain in a file.
+    """Read a gain file.
 
-    Raises: InputError for a file that does not contain a gain, or that was changed after it was written.
+    Raises: InputError for a file that is not a gain file, or that was changed after it was written.
     """
     certificate, digest = read_certificate(Path(file))
     if certificate_digest(certificate) != digest:
-        fix = f"trimtab design {certificate.system} --lqr … --out {file}  writes it again"
+        fix = f"write the file again: trimtab design {certificate.system} --lqr … --out {file}"
         raise InputError(
             f"file '{file}'", "was changed after it was written: its digest does not match its content", fix=fix
         )
@@ -53,22 +53,25 @@ def read_gain(file: str) -> Certificate:
 
 
 def note_gain(certificate: Certificate) -> dict[str, str]:
-    """Return the log entry of a gain: the whole content of its file, because the file may be deleted."""
+    """Return the log entry of a gain. It contains the complete gain file, because the file may be deleted later."""
     return {"system": certificate.system, "content": certificate_json(certificate)}
 
 
 def vehicle_settings(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Return a vehicle's settings by path below the vehicle: ``mass=0.9`` means ``world.vehicle.mass=0.9``."""
+    """Return settings of a vehicle with paths relative to the vehicle: ``mass`` for ``world.vehicle.mass``.
+
+    pairs: path and text of each setting.
+    """
     return {path.removeprefix(VEHICLE): text for path, text in pairs}
 
 
 def with_gain(name: str, scenario: Scenario, certificate: Certificate) -> Scenario:
-    """Return the scenario with a gain as its law. The targets of the flight are the gain's trim values.
+    """Return the scenario with a feedback gain as its law. The target values of the flight are the trim values.
 
     Args:
         name: name of the scenario, as the user typed it.
-        scenario: scenario of that name.
-        certificate: result of ``trimtab design VEHICLE --lqr``.
+        scenario: scenario with this name.
+        certificate: content of the gain file.
 
     Raises: InputError if the gain is for another vehicle, or feeds back a state that the autopilot does not estimate.
     """
@@ -81,7 +84,7 @@ def with_gain(name: str, scenario: Scenario, certificate: Certificate) -> Scenar
     _refuse_unread(law, state.estimate.state, certificate.system)
     if not _are_alike(state.output.demand, u):
         if not _are_alike(state.command.value, u):
-            problem = f"the scenario's actuators take a {type(state.command.value).__name__}, not the vehicle's input"
+            problem = f"the scenario's actuators need a {type(state.command.value).__name__}, not the vehicle's input"
             fix = f"leave {argument_name('settings', GAIN)} out: this scenario cannot fly with a gain"
             raise InputError(argument_name("settings", GAIN), f"{problem}, a {type(u).__name__}", fix=fix)
         autopilot = replace(autopilot, allocation=DirectAllocation())
@@ -90,7 +93,7 @@ def with_gain(name: str, scenario: Scenario, certificate: Certificate) -> Scenar
 
 
 def refuse_slow_sampling(certificate: Certificate, period: int) -> None:
-    """Raise InputError if the sampled loop is unstable. period: control period (100 ns)."""
+    """Raise InputError if the loop with the gain is unstable when sampled. period: control period (100 ns)."""
     n, m = certificate.B.shape
     size = np.zeros((n + m, n + m))
     size[:n, :n], size[:n, n:] = certificate.A, certificate.B
@@ -118,7 +121,7 @@ def _refuse_other_vehicle(certificate: Certificate, own: dict[str, str]) -> None
         raise InputError(argument_name("settings", GAIN), problem, fix=f"{anew}, for this scenario")
     if about.get("units") != own["units"]:
         here, there = (str(text).split("; ") for text in (own["units"], about.get("units", "")))
-        apart = [f"{a!r}, here {b!r}" for a, b in zip(there, here, strict=False) if a != b]
+        apart = [f"{a!r} in the file, {b!r} in this scenario" for a, b in zip(there, here, strict=False) if a != b]
         problem = f"the gain's states or inputs differ from this vehicle's: {(apart or ['their number differs'])[0]}"
         raise InputError(argument_name("settings", GAIN), problem, fix=f"{anew}, for this scenario")
 
@@ -127,26 +130,26 @@ def _refuse_unread(law: StateFeedback, estimate: Any, system: str) -> None:
     given = [n for n, _, _ in children(estimate)] if is_record(estimate) else []
     lacking = [n for n in law.reads if n not in given]
     if lacking:
-        problem = f"the gain feeds back {', '.join(lacking)}, which the autopilot here does not estimate"
+        problem = f"the gain feeds back {', '.join(lacking)}, which the autopilot of this scenario does not estimate"
         design_command = f"trimtab design {system} --lqr …"
         for name in lacking:
             design_command = f"{design_command} --fast {name}"
-        fix = f"{design_command}  designs a gain without feedback of states that settle by themselves"
+        fix = f"{design_command}  designs a gain without feedback of these states, if they settle by themselves"
         raise InputError(argument_name("settings", GAIN), problem, choices=given, fix=fix)
 
 
 def _assumed_vehicle(name: str, certificate: Certificate) -> Any:
-    """Return the vehicle for which a gain was designed, as the gain's file describes it."""
+    """Return the vehicle for which a gain was designed, as described in the gain file. name: name of the scenario."""
     about = {n: str(certificate.about.get(n, "")) for n in ("set", "assume")}
     given, assumed = (
         [(path, text) for path, _, text in (word.partition("=") for word in words.split("; ") if word)]
         for words in about.values()
     )
     if "calibration" in dict(given):
-        fix = "design it without a calibration and set the model: trimtab design SCENARIO --lqr … --assume NAME=VALUE"
+        fix = "design the gain without calibration: trimtab design SCENARIO --lqr … --assume NAME=VALUE"
         raise InputError(
             argument_name("settings", GAIN),
-            "the gain was designed with a calibration, which its file does not contain",
+            "the gain was designed with a calibration, which the gain file does not contain",
             fix=fix,
         )
     own = certificate.system if certificate.system in catalogue.scenario_names() else name
@@ -158,7 +161,7 @@ def _assumed_vehicle(name: str, certificate: Certificate) -> Any:
 
 
 def catalogue_choices(name: str, pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Return those of the settings `pairs` that are choices of a scenario's function."""
+    """Return those settings in `pairs` that are arguments of a scenario's function, by name."""
     offered = catalogue.scenario_choices(name)
     return {path: text for path, text in pairs if path in offered}
 
@@ -169,9 +172,9 @@ def _are_alike(a: Any, b: Any) -> bool:
 
 
 def _trim_targets(certificate: Certificate, law: StateFeedback, x: Any) -> tuple[Target, ...]:
-    """Return a target for each state that is fed back, except attitudes and angular rates. Its value is the trim.
+    """Return a target, with the trim value, for each state that is fed back, except attitudes and angular rates.
 
-    The tolerance is BAND times the limit used in the design.
+    The tolerance of a target is BAND times the allowed deviation used in the design.
     """
     sizes = dict(zip(certificate.states, np.asarray(certificate.scale).tolist(), strict=True))
     numbers = state_numbers(law, x)

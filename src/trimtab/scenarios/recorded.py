@@ -1,4 +1,4 @@
-"""Rebuild the scenario of a log: from the recorded choices, with the recorded value of every setting."""
+"""Rebuild the scenario of a log from the recorded arguments of `build` and the recorded value of every setting."""
 
 import contextlib
 import itertools
@@ -23,19 +23,17 @@ from trimtab.scenarios.catalogue import BARE, GAIN
 from trimtab.scenarios.recorded_choices import FILE_ARGUMENTS, check_recorded_choices
 
 COMPARED_PATHS = ("autopilot", "world.sensors")
-"""Paths of the parts that must have the recorded settings and classes, because a replay runs only these.
-
-Differences in other parts of the scenario are accepted.
-"""
+"""Paths of the parts that must have the same fields and classes as in the log, because a replay runs these parts.
+Differences in other parts of the scenario are accepted."""
 SETTING = "a setting"
 
 
 def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
-    """Build a log's scenario from the recorded choices, then set each setting to its recorded value.
+    """Return the scenario of a log, with each setting at its recorded value.
 
     Args:
-        log: log with the metadata that simulate and fly write. A log without choices comes from a scenario built in
-            Python. For such a log, every combination of the scenario's arguments is tried.
+        log: log with the metadata that `simulate` and `fly` write. If the metadata has no choices, because the scenario
+            was not built by `build`, every combination of the scenario's arguments is tried.
         name: name of the scenario, if it differs from the recorded name: ``file.py:function``, or a new name.
 
     Raises:
@@ -48,7 +46,7 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
         name = _check_catalogue(own_name)
     if name is None or not isinstance(settings, Mapping):
         missing = "its scenario" if name is None else "its parameters"
-        fix = f"give a log of trimtab run or trimtab fly, or name the scenario: {argument('scenario', 'NAME')}"
+        fix = f"use a log of trimtab run or trimtab fly, or name the scenario: {argument('scenario', 'NAME')}"
         raise InputError("replay", f"the log does not contain {missing}", fix=fix)
     parts = log.metadata.get("parts")
     recorded = _recorded_classes(settings, parts)
@@ -67,22 +65,29 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
 
 
 def _check_catalogue(name: str) -> str:
-    """Return a recorded name if it is in the catalogue, else raise InputError. A log must not import a user's file."""
+    """Return the scenario name in a log if it is in the catalogue, else raise InputError.
+
+    A name outside the catalogue is not accepted, because reading a log must not run a file that the log names.
+    """
     known = {**catalogue.scenario_names(), BARE: ""}
     if name not in known:
         is_file = ":" in name
-        problem = f"the log names {name!r}, which is not in the catalogue; no file is run because a log names it"
-        fix = f"if you trust the file, give its name: {argument('scenario', name if is_file else 'file.py:function')}"
+        problem = (
+            f"the log names the scenario {name!r}, which is not in the catalogue; a file is not run only because a log "
+            "names it"
+        )
+        fix = f"if you trust the file, type its name: {argument('scenario', name if is_file else 'file.py:function')}"
         raise InputError("replay", problem, choices=() if is_file else known, fix=fix)
     return name
 
 
 def _build_candidates(name: str, choices: Mapping[str, Any]) -> Iterator[Scenario]:
-    """Yield the scenario of the recorded choices. For a log without choices, try every combination of arguments."""
+    """Yield the scenario with the recorded choices or, for a log without choices, with every combination of
+    arguments."""
     if choices:
         settings = {
             p: text for p, text in choices["settings"].items() if p not in FILE_ARGUMENTS
-        }  # the file may have changed, so the log's own copy is used
+        }  # the files may have changed, so the copies in the log are used
         content = choices.get(CALIBRATION)
         calibration = None if content is None else parse_calibration("the log's calibration", content["content"])
         noted = choices.get(GAIN)
@@ -100,11 +105,12 @@ def _build_candidates(name: str, choices: Mapping[str, Any]) -> Iterator[Scenari
 
 
 def _add_live_variants(candidates: Iterator[Scenario], side: Any) -> Iterator[Scenario]:
-    """Yield each candidate, then the variant of this candidate that a live flight uses.
+    """Yield each candidate scenario, then the variant of the candidate that a live flight uses.
 
-    `fly` adds sensors for the pilot's requests and the stick. `vehicle` adds an inactive fault to every part.
+    `trimtab fly` adds sensors for the pilot's requests and the stick. `trimtab vehicle` adds an inactive fault to every
+    part.
 
-    side: end of the link that wrote the log; "vehicle" for a log written by the vehicle.
+    side: end of the radio link that wrote the log, "vehicle" or the autopilot's end.
     """
     for scenario in candidates:
         yield scenario
@@ -117,12 +123,12 @@ def _add_live_variants(candidates: Iterator[Scenario], side: Any) -> Iterator[Sc
 
 
 def _recorded_classes(settings: Mapping[str, Any], parts: Any) -> dict[str, str]:
-    """Return the kind of each recorded path: SETTING for a setting, the class name for a part."""
+    """Return each path in the log -> "a setting" for a setting, or the class name for a part."""
     return dict.fromkeys(settings, SETTING) | dict(parts or {})
 
 
 def _setting_classes(scenario: Scenario, parts: Any) -> dict[str, str]:
-    """Return the kind of each path of a scenario: SETTING for a setting, the class name for a part."""
+    """Return each path of a scenario -> "a setting" for a setting, or the class name for a part."""
     return dict.fromkeys((p for p, _, _ in leaves(scenario)), SETTING) | (part_classes(scenario) if parts else {})
 
 
@@ -131,7 +137,7 @@ def _keep_compared(classes: dict[str, str]) -> dict[str, str]:
 
 
 def _set_values(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
-    """Return the scenario with the recorded value of every setting. Floats are restored exactly, bit for bit."""
+    """Return the scenario with each setting at its recorded value. Floats are restored exactly, bit for bit."""
     for path, old, declared in list(leaves(scenario)):
         if path not in settings or plain_setting(old) == settings[path]:
             continue
@@ -151,7 +157,7 @@ def _lists_to_tuples(value: Any) -> Any:
 def _difference_error(name: str, classes: dict[str, str], recorded: dict[str, str]) -> InputError:
     path = min(p for p in {*classes, *recorded} if classes.get(p) != recorded.get(p))
     was, now = recorded.get(path, "missing"), classes.get(path, "missing")
-    problem = f"the catalogue's {name!r} differs from the recorded scenario: {path} was {was}, is {now}"
+    problem = f"the catalogue's {name!r} differs from the recorded scenario: {path} was {was}, but now is {now}"
     fix = "replay with the version that recorded the log, or name a scenario with the same parts: "
     fix += argument("scenario", "file.py:function")
     return InputError("replay", problem, fix=fix)

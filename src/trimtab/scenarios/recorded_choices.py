@@ -1,6 +1,6 @@
-"""Check of the choices in a log's metadata, before a scenario is built from them.
+"""Check of a log's metadata before a scenario is built from the recorded choices.
 
-A file that only a log names is never opened.
+A file that is named only in a log is never opened.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,11 +12,14 @@ from trimtab.scenarios.build import CALIBRATION, LINKS
 from trimtab.scenarios.catalogue import GAIN
 
 FILE_ARGUMENTS = (*LINKS, CALIBRATION, GAIN)
-"""Arguments whose value is a file name. A file that only a log names is never opened."""
+"""Settings of a scenario whose value is a file name. A file that is named only in a log is never opened."""
 
 
 class _FieldRule(NamedTuple):
-    """Rule for the type of a field. kind: type in words.  holds: function, returns True for a value of this type."""
+    """Rule for the type of a metadata field.
+
+    kind: name of the type in messages.  holds: function that returns True for a value of this type.
+    """
 
     kind: str
     holds: Callable[[Any], bool]
@@ -63,7 +66,10 @@ REQUIRED_CHOICES = ("arguments", "settings", "without", "faults")
 
 
 def check_recorded_choices(log: Log) -> None:
-    """Raise InputError, naming the field, if a value has the wrong type or if an argument is a file name."""
+    """Raise InputError if a field of the log's metadata has the wrong type, or if an argument is a file name.
+
+    The message names the field. File names are not accepted, because a file that is named only in a log is not opened.
+    """
     _check_fields(log.metadata, RULES, "")
     choices = log.metadata.get("choices")
     if not choices:
@@ -88,4 +94,4 @@ def _check_fields(fields: Mapping[str, Any], rules: Mapping[str, _FieldRule], pr
 
 
 def _field_error(field: str, problem: str) -> InputError:
-    return InputError("replay", f"the log's field {field} {problem}", fix="give an unchanged log written by trimtab")
+    return InputError("replay", f"the log's field {field} {problem}", fix="use an unchanged log written by trimtab")

@@ -1,4 +1,4 @@
-"""Table of a scenario's settings, for programs and notebooks: the content of ``trimtab list SCENARIO``."""
+"""Table of a scenario's settings for programs and notebooks, with the same content as ``trimtab list SCENARIO``."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -15,11 +15,15 @@ from trimtab.scenarios.build import find_scenario
 
 TICK = "100 ns"
 SHOWN = 40
-"""Maximum number of printed rows. The table itself contains all settings."""
+"""Maximum number of settings that are printed. The table itself contains all settings."""
 
 
 class Setting(NamedTuple):
-    """Setting of a scenario. unit: "1" for a dimensionless number, "" for a choice, "100 ns" for a period."""
+    """Setting of a scenario: value, unit and meaning.
+
+    unit: "1" for a dimensionless number, "" for a choice, "100 ns" for a period.  doc: meaning.  choices: valid values,
+    if the setting is a choice.
+    """
 
     value: Any
     unit: str
@@ -41,7 +45,8 @@ class Setting(NamedTuple):
 
 
 class SettingsTable(Mapping[str, Setting]):
-    """Settings by path. The path of a part gives a table of its settings: ``table["world.vehicle"]``."""
+    """Settings of a scenario by path. For the path of a part, ``table["world.vehicle"]`` is the table of its
+    settings."""
 
     def __init__(self, name: str, settings: Mapping[str, Setting]) -> None:
         self.name, self._settings = name, dict(settings)
@@ -76,14 +81,14 @@ class SettingsTable(Mapping[str, Setting]):
 
 
 def settings(scenario: Scenario | str) -> SettingsTable:
-    """Return every setting of a scenario by its path, with value, unit and meaning.
+    """Return the table of all settings of a scenario, with path, value, unit and meaning.
 
     >>> from trimtab import settings
     >>> settings("hovercraft/spin")["world.vehicle.mass"]
     Setting(value=2.6, unit='kg', doc='Total mass with batteries.', choices=())
 
     Args:
-        scenario: the scenario, or its name.
+        scenario: scenario, or name of a scenario.
 
     Raises: InputError for an unknown name.
     """

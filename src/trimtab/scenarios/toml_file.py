@@ -1,4 +1,4 @@
-"""Scenario files: TOML text that names the parts of a scenario and sets their fields. No code in a file is run.
+"""Scenario files: TOML files that name the parts of a scenario and set their fields. They contain no program code.
 
     base = "hovercraft/spin"      # scenario of the catalogue, or another file; without base, the file names all parts
     duration = "20 s"
@@ -12,8 +12,8 @@
     [autopilot.law]
     part = "ConstantSpin"         # class of the new part; a part of this class that the base already has is kept
 
-Tables and keys are the paths of `trimtab list SCENARIO`. A file's entries are settings of its base, as after ``--set``.
-Logs record them as settings, so a replay does not need the file.
+Tables and keys are the paths that `trimtab list SCENARIO` shows. An entry of the file acts like a setting of the base
+scenario after ``--set``. Logs record the entries as settings, so a replay does not need the file.
 
 Source: docs page, Scenario files.
 """
@@ -33,11 +33,11 @@ from trimtab.logs.metrics import Target, full_path
 from trimtab.scenarios.catalogue import BARE, TOML
 
 PART = "part"
-"""Key that gives the class of a part, in the part's table."""
+"""Key, in the table of a part, whose value is the class of the part."""
 OWN = ("base", "name", "without", "faults", "targets", "choices")
 """Top-level keys of a scenario file that are not paths of settings."""
 FILES = ("uplink", "downlink", "calibration", "reference")
-"""Choices whose value may be a file name, relative to the folder of the scenario file."""
+"""Keys of the table [choices] whose value may be a file name, relative to the folder of the scenario file."""
 TARGET_KEYS = ("signal", "value", "band")
 FIX = "trimtab list hovercraft/spin --toml  shows a complete file, and  trimtab list --schema  the schema"
 _HEADER = re.compile(r"\s*\[\[?([^\[\]]+)\]\]?\s*(#.*)?")
@@ -46,10 +46,10 @@ _NO_BRACKETS = re.compile(r"\"(?:\\.|[^\"\\])*\"|'[^']*'|#.*")
 
 
 class ScenarioFile(NamedTuple):
-    """Contents of a scenario file, combined with the files that it is based on.
+    """Contents of a scenario file, combined with the scenario files on which it is based.
 
-    base: a name of the catalogue, or BARE.  settings: text by path.  targets: tables of the file, not parsed yet.
-    places: file, line and column of each key; lines and columns count from 1.
+    base: name of a scenario in the catalogue, or BARE.  settings: path -> text.  targets: tables [[targets]] of the
+    file, not parsed yet.  places: key -> file, line and column, both counted from 1.
     """
 
     file: str
@@ -62,14 +62,17 @@ class ScenarioFile(NamedTuple):
     places: Mapping[str, tuple[str, int, int]]
 
     def find_place(self, path: str) -> str:
-        """Return "file:line:column" of the entry that sets a path or its nearest parent, or the file's name alone."""
+        """Return "file:line:column" of the entry that sets a path, or the path of a part that contains it.
+
+        Return the name of the file if no such entry exists.
+        """
         for key in (f"choices.{path}", f"{path}.{PART}", *_and_above(path)):
             if key in self.places:
                 return ":".join(map(str, self.places[key]))
         return self.file
 
     def locate(self, error: InputError) -> InputError:
-        """Return the same error with the line of the file that caused the error."""
+        """Return an error with the line of the scenario file that caused the error added."""
         path = named_path(error)
         if path == "scenario":
             path = "without" if "imperfection" in error.problem else "base"
@@ -79,11 +82,12 @@ class ScenarioFile(NamedTuple):
         return InputError(part, error.problem, choices=error.choices, fix=error.fix)
 
     def parse_target(self, target: Mapping[str, Any], units: Mapping[str, str]) -> Target:
-        """Convert a table of the file to a Target. units: unit of each signal whose unit is known."""
+        """Return the Target that a table [[targets]] of the file describes. units: path of a signal -> unit, if
+        known."""
         where = f"{self.find_place('targets')}: targets"
         for key in (*TARGET_KEYS, *target):
             if key not in target or key not in TARGET_KEYS:
-                problem = f"{key!r} is {'no key' if key in target else 'missing'}"
+                problem = f"{key!r} is {'not a valid key' if key in target else 'missing'}"
                 fix = 'signal = "truth.yaw_rate", value = "3 rad/s", band = "0.15 rad/s"'
                 raise InputError(where, problem, choices=TARGET_KEYS, fix=fix)
         path = full_path(str(target["signal"]))
@@ -92,27 +96,30 @@ class ScenarioFile(NamedTuple):
 
 
 def named_path(error: InputError) -> str:
-    """Return the setting or argument that an error names, or "". The error was raised while `spell_toml` was active."""
+    """Return the name of the setting or argument that an error is about, or "" if it names none.
+
+    error: error that was raised while `spell_toml` was active.
+    """
     match = re.match(r"[A-Za-z_][\w.-]*", error.part)
     return match[0] if match else ""
 
 
 def spell_toml(outer: Spelling, name: str, value: Any, path: str | None) -> str:
-    """Return a setting in the notation of a scenario file, and another argument in the notation of Python."""
+    """Return the text of an argument for error messages: settings as in a scenario file, others as in Python."""
     if name == "settings" and path is not None:
         return path if value is None else _setting_line(path, str(value))
     return spell_python(name, value, path)
 
 
 def signal_units(scenario: Any) -> dict[str, str]:
-    """Return the unit of each signal of the true state, by the signal's path."""
+    """Return the path of each signal of the true state -> unit."""
     return {f"truth.{path}": d.unit for path, _, d in leaves(scenario.initial) if isinstance(d, Quantity)}
 
 
 def read_scenario_file(name: str, chain: tuple[str, ...] = ()) -> ScenarioFile:
-    """Read a file and the files that it is based on, and combine them.
+    """Return the contents of a scenario file, combined with the scenario files on which it is based.
 
-    chain: files that are based on this file, directly or not. Used to detect a cycle.
+    chain: files that are based on this file, directly or indirectly, to detect a cycle.
 
     Raises: InputError with file, line and column for invalid TOML, an unknown key, or an invalid value.
     """
@@ -141,16 +148,16 @@ def read_scenario_file(name: str, chain: tuple[str, ...] = ()) -> ScenarioFile:
 
 
 def _on_base(file: ScenarioFile, where: str, chain: tuple[str, ...]) -> ScenarioFile:
-    """Return the file combined with its base if the base is a scenario file, else return the file unchanged."""
+    """Return a scenario file combined with its base if the base is a scenario file too, else the file unchanged."""
     if ":" in file.base or file.base.endswith(".py"):
-        problem = f"{file.base!r} is a Python file, and a scenario file runs no code"
+        problem = f"{file.base!r} is a Python file, but a scenario file must not run code"
         raise InputError(where, problem, fix='base = "hovercraft/spin", or another file, "NAME.toml"')
     if not file.base.endswith(TOML):
         return file
     below_name = str(Path(file.file).parent / file.base)
     if str(Path(below_name).resolve()) in chain:
         raise InputError(
-            where, f"{file.base!r} is itself based on this file", fix="base this file on a scenario of the catalogue"
+            where, f"{file.base!r} is itself based on this file", fix="set base to a scenario of the catalogue"
         )
     below = read_scenario_file(below_name, chain)
     return file._replace(
@@ -165,13 +172,16 @@ def _on_base(file: ScenarioFile, where: str, chain: tuple[str, ...]) -> Scenario
 
 
 def merge_settings(below: Mapping[str, str], own: Mapping[str, str]) -> dict[str, str]:
-    """Return the settings `below` overridden by `own`. If `own` replaces a part, drop the settings of the old part."""
+    """Return the settings of a base file, `below`, overridden by the settings `own` of the file that is based on it.
+
+    If `own` replaces a part, the settings of the old part are dropped.
+    """
     replaced = tuple(f"{path}." for path, text in own.items() if path in below and below[path] != text)
     return {path: text for path, text in below.items() if not path.startswith(replaced)} | dict(own)
 
 
 def find_places(text: str) -> dict[str, tuple[int, int]]:
-    """Return line and column, counted from 1, of each key and each table header at the start of a line of TOML."""
+    """Return each key and table header in a TOML text -> line and column, counted from 1."""
     places: dict[str, tuple[int, int]] = {}
     table, depth, in_text = "", 0, False
     for number, line in enumerate(text.splitlines(), 1):
@@ -192,7 +202,7 @@ def find_places(text: str) -> dict[str, tuple[int, int]]:
 
 
 class _Places(NamedTuple):
-    """Function that returns the position of a key in the text of an error: "file:line:column: key"."""
+    """Callable that returns the position of a key for error messages, as "file:line:column: key"."""
 
     file: str
     places: Mapping[str, tuple[str, int, int]]
@@ -220,7 +230,7 @@ def _read(name: str) -> dict[str, Any]:
         problem = f"cannot be read: {error.strerror or error}"
         raise InputError(f"scenario file {name!r}", problem, fix="give the path of a .toml file") from None
     except UnicodeDecodeError:
-        raise InputError(f"scenario file {name!r}", "is not UTF-8 text", fix="save it as UTF-8") from None
+        raise InputError(f"scenario file {name!r}", "is not UTF-8 text", fix="save the file as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         problem, match = str(error), re.search(r"\s*\(at line (\d+), column (\d+)\)", str(error))
         lines = Path(name).read_text(encoding="utf-8").splitlines() or [""]
@@ -230,7 +240,8 @@ def _read(name: str) -> dict[str, Any]:
 
 
 def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield path and value of each key. The value of a table's key `part` belongs to the path of the table itself."""
+    """Yield path and value of each key in nested tables. The path of a key `part` is that of the table that contains
+    it."""
     for key, value in tree.items():
         path = f"{above}.{key}" if above else key
         if key == PART and above:
@@ -257,7 +268,7 @@ def _as_text(where: str, value: Any) -> str:
 
 
 def _refuse(where: str, value: Any) -> Any:
-    fix = 'a number, a text such as "3 kg", true or false, or a list of them'
+    fix = 'write a number, a text such as "3 kg", true, false, or a list of such values'
     raise InputError(where, f"{value} is a {type(value).__name__}, which is not valid for a setting", fix=fix)
 
 

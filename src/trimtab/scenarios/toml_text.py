@@ -1,4 +1,4 @@
-"""Write a scenario as a scenario file (`scenarios.toml_file`) that gives every setting with its unit and meaning."""
+"""Write a scenario as a scenario file (`scenarios.toml_file`) that contains every setting with its unit and meaning."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -13,16 +13,16 @@ from trimtab.loop.parts import find_class, part_modules
 from trimtab.scenarios.toml_file import PART, signal_units
 
 FEW = 16
-"""Maximum length of a list whose values are written. For a longer list only the length is written, as a comment."""
+"""Maximum length of a list whose values are written. For a longer list, only the length is written, as a comment."""
 NOT_WRITTEN = ("name",)
 WHOLE = ("world", "autopilot")
-"""Paths of records whose class cannot be chosen."""
+"""Paths of the records whose class a scenario file cannot choose."""
 
 
 def format_scenario(name: str, scenario: Any, choices: Mapping[str, tuple[str, ...]]) -> str:
-    """Return the text of a scenario file that is based on a scenario of the catalogue and gives the same scenario.
+    """Return the text of a scenario file that describes a scenario of the catalogue completely.
 
-    choices: choices of each argument, the default first.
+    name: name of the scenario, used as base of the file.  choices: name of each argument -> choices, the default first.
     """
     top = [(p, v, d) for p, v, d in leaves(scenario) if "." not in p and p not in NOT_WRITTEN]
     lines = [
@@ -56,7 +56,10 @@ def _format_line(key: str, value: Any, declared: Quantity | Option) -> str:
 
 
 def _format_value(value: Any, declared: Quantity | Option) -> tuple[str, str]:
-    """Return a value in TOML, or "" if the value is not written, and the text that precedes its description."""
+    """Return a value in TOML notation, and a note that is written before the description of the field.
+
+    The value is "" if it is too long to be written.
+    """
     if isinstance(declared, Option):
         if declared.kind == "period":
             return json.dumps(format_time(value)), ""
@@ -91,7 +94,7 @@ def _format_targets(targets: Iterable[Target], units: Mapping[str, str]) -> list
 
 
 def scenario_schema() -> dict[str, Any]:
-    """Return the JSON schema of a scenario file, made from the fields, units and meanings that the records declare."""
+    """Return the JSON schema of scenario files, made from the fields, units and meanings that the records declare."""
     classes = {name: find_class("schema", name) for name in sorted(part_modules())}
     text = {"type": "string"}
     kinds = [

@@ -1,8 +1,8 @@
-"""Reader of ArduPilot's dataflash log, .BIN. Its topics are message types, such as IMU, ATT and GPS.
+"""Reader of ArduPilot's dataflash logs (.BIN). The topics of such a log are message types, e.g. IMU, ATT and GPS.
 
-Sensors of one kind share a message type. A field of the message, usually ``I``, is the number of the sensor. A mapping
-selects a sensor by where = {I = 0}. Units come from the file. Source: ArduPilot, Logger library; read by pymavlink's
-DFReader.
+All sensors of one kind have the same message type. A field of the message, usually ``I``, is the number of the sensor.
+A mapping selects a sensor by where = {I = 0}. Units are read from the file. Source: ArduPilot, Logger library. The
+files are read with pymavlink's DFReader.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ from trimtab.logs.foreign.tables import (
 )
 
 TIMES = {"TimeUS": "us", "TimeMS": "ms"}
-"""Name of the time column, in the new and in the old format -> its unit."""
+"""Name of the time column in ArduPilot's new and old log format -> time unit."""
 
 
 def list_bin(path: Path) -> list[TopicSummary]:
@@ -71,7 +71,7 @@ def read_bin(path: Path, topics: Iterable[str]) -> dict[str, Table]:
 
 
 def _read_messages(path: Path, types: list[str] | None) -> dict[str, tuple[list[str], list[list[Any]]]]:
-    """Return message type -> names of its columns, and values of its messages."""
+    """Return the message type -> names of the columns, and values of the messages."""
     rows: dict[str, tuple[list[str], list[list[Any]]]] = {}
     with _open(path) as reader:
         try:
@@ -79,7 +79,7 @@ def _read_messages(path: Path, types: list[str] | None) -> dict[str, tuple[list[
                 while (message := reader.recv_match(type=types)) is not None:
                     columns, values = rows.setdefault(message.get_type(), (list(message.fmt.columns), []))
                     values.append([_plain(getattr(message, name)) for name in columns])
-        except Exception as error:  # damaged bytes may raise any error; the error must name the file
+        except Exception as error:  # damaged bytes may raise any error, and the message must name the file
             refuse_damage(name_file(path), "a .BIN of ArduPilot", error)
     return rows
 
@@ -90,7 +90,7 @@ def _plain(value: Any) -> Any:
 
 @contextlib.contextmanager
 def _open(path: Path) -> Iterator[Any]:
-    """Open pymavlink's reader of a .BIN file, and close the file after use."""
+    """Open a .BIN file with pymavlink's reader, and close the file after use."""
     where = name_file(path)
     package = import_package(where, "pymavlink.DFReader")
     try:

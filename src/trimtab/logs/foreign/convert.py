@@ -1,4 +1,4 @@
-"""Conversion of a table of a foreign log to the samples of a sensor, selected, sorted by time, and in SI units."""
+"""Conversion of a table of a foreign log to samples of a sensor: selected, sorted by time, and in SI units."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -15,13 +15,17 @@ from trimtab.logs.foreign.tables import Table
 from trimtab.logs.samples import SampleSeries
 
 DISORDER = UNITS_PER_SECOND
-"""Step back in time (100 ns) from which on the clock counts as restarted. After a smaller step, rows are sorted."""
+"""Jump back in time (100 ns) from which on the logger's clock counts as restarted. Rows with a smaller jump are
+sorted."""
 EQUATOR, FLATTENING = 6378137.0, 1 / 298.257223563
-"""Radius at the equator (m) and flattening of the ellipsoid of WGS 84."""
+"""Equatorial radius (m) and flattening of the WGS 84 ellipsoid."""
 
 
 class Conversion(NamedTuple):
-    """Converted samples. counts: number of all rows, and of rows that are not finite, out of order, duplicate."""
+    """Converted samples of a sensor.
+
+    counts: numbers of all rows, and of rows that are not finite, out of order, or duplicate.
+    """
 
     series: SampleSeries
     counts: dict[str, int]
@@ -90,7 +94,7 @@ def _choose_rows(where: str, table: Table, mapping: TopicMap) -> Any:
 
 
 def _read_ticks(where: str, table: Table, mapping: TopicMap) -> Any:
-    """Return the times of all rows in 100 ns, int64 (n,). Integer times are converted without floating point."""
+    """Return the times of all rows in 100 ns, int64 (n,). Integer times are converted exactly, without floats."""
     field = mapping.time.field or table.time
     key = f"{mapping.where}, time"
     if not field:
@@ -138,7 +142,7 @@ def _convert_field(
 
 
 def _find_written_unit(where: str, table: Table, key: str, columns: Iterable[str]) -> str:
-    """Return the unit that the file states for the columns of a field. Raise InputError if it states none."""
+    """Return the unit that the file states for the columns of a field. Raise InputError if the file states no unit."""
     written = {table.units.get(name, "") for name in columns}
     if len(written) != 1 or not (unit := written.pop()):
         problem = f"{key} has no unit, and the file does not give one for all of {', '.join(columns)}"
@@ -147,7 +151,7 @@ def _find_written_unit(where: str, table: Table, key: str, columns: Iterable[str
 
 
 def _place(where: str, table: Table, mapping: GeodeticMap, chosen: Any) -> dict[str, Any]:
-    """Return north and east (m), and with an altitude also down (m), in the tangent plane at the origin.
+    """Return north and east (m) in the tangent plane at the origin and, if the mapping has an altitude, down (m).
 
     Within some kilometres, the error is below 1e-4 of the distance.
     """
@@ -182,7 +186,7 @@ def _keep_finite(where: str, ticks: Any, values: dict[str, Any]) -> tuple[Any, d
 def _order_rows(
     where: str, ticks: Any, values: dict[str, Any], mapping: TopicMap
 ) -> tuple[Any, dict[str, Any], int, int]:
-    """Sort rows by time and remove duplicates. Return also the numbers of rows out of order and of duplicates."""
+    """Return the rows sorted by time and without duplicates, and the numbers of rows out of order and of duplicates."""
     late = np.maximum.accumulate(ticks) - ticks
     if late.max() >= DISORDER:
         row = int(np.argmax(late >= DISORDER))

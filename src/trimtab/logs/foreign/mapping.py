@@ -1,4 +1,4 @@
-"""Mapping files in TOML, which name the columns of a foreign log that contain a sensor's samples, and their units.
+"""Mapping files in TOML, which assign the columns of a foreign log to sensors, with units.
 
     [sensor.imu]
     topic = "sensor_combined"
@@ -41,8 +41,8 @@ EXAMPLE = 'angular_rate = {from = ["gx", "gy", "gz"], unit = "deg/s"}'
 class TimeMap(NamedTuple):
     """Mapping of the times of a topic.
 
-    field: time column; empty: the usual time column of the format.  unit: unit of the column.
-    offset: time to add (100 ns).
+    field: name of the time column. Empty: the usual time column of the log's format.  unit: unit of the column.
+    offset: time that is added to all times (100 ns).
     """
 
     field: str = ""
@@ -51,12 +51,13 @@ class TimeMap(NamedTuple):
 
 
 class FieldMap(NamedTuple):
-    """Mapping of one field of a sensor. Its value is sign * column + offset in the column's unit, converted to SI.
+    """Mapping of one field of a sensor. The field's value is sign * column + offset, converted to SI units.
 
-    columns: a column for each component; empty for a constant.  unit: unit in the mapping, None if missing.
-    sign, offset: one number for each component (k,), or one for all.  single: True if a value is one number.
-    quaternion: True if the columns are w, x, y, z of a rotation. The field is then the rotation's yaw.
-    constant: value in every row.  unwrap: True to remove jumps of full turns.  doc: meaning of the field.
+    columns: one column for each component of the field. Empty for a constant.  unit: unit of the columns, or None if
+    the mapping states no unit.  sign, offset: one number for each component (k,), or one number for all.  single: True
+    if the field is a single number.  quaternion: True if the columns are w, x, y, z of a quaternion. In this case the
+    field is the yaw angle of the rotation.  constant: value in every row.  unwrap: True to remove jumps of full turns.
+    doc: meaning of the field.
     """
 
     columns: tuple[str, ...]
@@ -71,9 +72,9 @@ class FieldMap(NamedTuple):
 
 
 class GeodeticMap(NamedTuple):
-    """Mapping of latitude and longitude to north and east (m), and of altitude to down (m), relative to an origin.
+    """Conversion of latitude, longitude and altitude to north, east and down (m) relative to an origin.
 
-    origin: latitude and longitude (deg), and optionally altitude (m); empty to use the first row.
+    origin: latitude and longitude (deg), and optionally altitude (m), of the origin. Empty: position in the first row.
     """
 
     latitude: str
@@ -87,7 +88,8 @@ class GeodeticMap(NamedTuple):
 class TopicMap(NamedTuple):
     """Mapping of a topic to a sensor or to the truth.
 
-    where: name of the section in the mapping file.  rows: column -> value. Rows with these values are selected.
+    where: name of the section in the mapping file.  rows: name of a column -> value. Only rows with these values are
+    used.
     """
 
     where: str
@@ -101,8 +103,8 @@ class TopicMap(NamedTuple):
 class LogMapping(NamedTuple):
     """Mapping of a foreign log.
 
-    sensors: name of a sensor in the estimator -> its mapping.  truth: mapping of the truth, or None.
-    content: unchanged content of the mapping file.
+    sensors: name of a sensor, as in the estimator -> mapping.  truth: mapping of the true state, or None.  content:
+    unchanged content of the mapping file.
     """
 
     sensors: Mapping[str, TopicMap]
@@ -229,13 +231,13 @@ def _parse_geodetic(where: str, table: Mapping[str, Any]) -> GeodeticMap:
 
 
 def _components(where: str, key: str, value: Any, size: int) -> Any:
-    """Return one number for all components, or an array with one number for each component."""
+    """Return the value of a key: one number for all components, or an array with one number for each component."""
     numbers = _numbers(where, key, value if isinstance(value, list) else [value])  # pyright: ignore[reportUnknownArgumentType]
     if len(numbers) not in (1, size):
         raise InputError(
             where,
             f"{key} has {len(numbers)} numbers, but there are {size} columns",
-            fix="give one number for each column",
+            fix="write one number for each column",
         )
     return numbers[0] if len(numbers) == 1 else np.array(numbers)
 

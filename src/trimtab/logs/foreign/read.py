@@ -1,7 +1,7 @@
 """Detection of the format of a foreign log, and conversion of the log with a mapping.
 
-CSV files need no additional package. They have a line of names, optionally with units, then a line of numbers for each
-instant.
+CSV files need no additional package. They contain a line of names, optionally with units, and then one line of numbers
+for each instant.
 """
 
 import os
@@ -27,7 +27,7 @@ from trimtab.logs.samples import PERIOD_MAX, TRUTH, SampleSeries, log_samples, u
 
 
 def list_csv(path: Path) -> list[TopicSummary]:
-    """Return the summary of a CSV file, as a single topic with the name of the file."""
+    """Return the summary of a CSV file as that of a single topic, which has the name of the file."""
     table = _read_table(path)
     scale = find_size(table.time_unit, "s") or 1.0
     seconds = table.columns[table.time] * scale if table.time and table.time not in table.problems else []
@@ -56,9 +56,10 @@ def _read_table(path: Path) -> Table:
 
 
 class LogFormat(NamedTuple):
-    """Format of foreign logs. magic: first bytes of a file; empty if not fixed.  suffixes: endings of file names.
+    """Format of foreign logs.
 
-    list_topics, read_topics: functions that read a file.
+    magic: first bytes of each file, or empty if these are not fixed.  suffixes: endings of file names.  list_topics:
+    function that lists the topics of a file.  read_topics: function that reads topics of a file.
     """
 
     name: str
@@ -76,7 +77,7 @@ ROSBAG = LogFormat("ROS bag", b"#ROSBAG V2.0", (".bag",), list_bag, read_bag)
 CSV = LogFormat("CSV", b"", (".csv", ".txt"), list_csv, read_csv_topics)
 FORMATS = (ULOG, BIN, MCAP, ROSBAG2, ROSBAG, CSV)
 HEAD_BYTES = 1 << 20
-"""Number of bytes at the start of a file that are searched for the metadata of a trimtab log."""
+"""Number of bytes, from the start of a file, that are searched for the metadata of a trimtab log."""
 
 
 def detect_format(path: str | os.PathLike[str]) -> LogFormat:
@@ -112,7 +113,8 @@ def detect_format(path: str | os.PathLike[str]) -> LogFormat:
 
 
 def is_own_log(path: str | os.PathLike[str]) -> bool:
-    """Return True for a log of trimtab, and for a file of unknown format, so that `read_mcap` reports the problem."""
+    """Return True for a log of trimtab, and also for a file of unknown format, so that `read_mcap` reports a
+    problem."""
     try:
         kind = detect_format(path)
         if kind is not MCAP:
@@ -124,10 +126,10 @@ def is_own_log(path: str | os.PathLike[str]) -> bool:
 
 
 def list_topics(path: str | os.PathLike[str]) -> list[TopicSummary]:
-    """List the topics of a log of another system, with their fields, numbers of rows, and rates.
+    """List the topics of a foreign log, with fields, number of rows and rate of each topic.
 
     Raises:
-        InputError: a file that can't be read.
+        InputError: the file can't be read.
     """
     return detect_format(path).list_topics(Path(path))
 
@@ -135,16 +137,16 @@ def list_topics(path: str | os.PathLike[str]) -> list[TopicSummary]:
 def read_foreign(path: str | os.PathLike[str], mapping: str | os.PathLike[str] | LogMapping) -> Log:
     """Read a foreign log and convert it with a mapping, for a replay of an estimator. See `logs.samples.log_samples`.
 
-    The metadata of the result contain the format, the mapping, and the time of the first row on the foreign clock
-    (``start_s``). ``converted`` has, for each sensor, the number of rows, and the numbers of rows that are out of
-    order, duplicate or not finite.
+    The metadata of the result contain the format, the mapping, and the time of the first row on the clock of the
+    foreign log (``start_s``). The entry ``converted`` contains, for each sensor, the number of rows, and the numbers of
+    rows that are out of order, duplicate or not finite.
 
     Args:
         path: path of a ULog, BIN, MCAP, bag or CSV file, or of the folder of a rosbag2.
         mapping: path of a mapping file, or the result of `read_mapping`.
 
     Raises:
-        InputError: the file or the mapping is invalid. The error names topic and column, and the text to write instead.
+        InputError: the file or the mapping is invalid. The message names topic and column, and says what to write.
     """
     file, kind = Path(path), detect_format(path)
     chosen = mapping if isinstance(mapping, LogMapping) else read_mapping(mapping)

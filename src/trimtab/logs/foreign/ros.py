@@ -1,7 +1,7 @@
-"""Reader of MCAP files with JSON or ROS 2 messages, and of ROS bags: a folder of rosbag2, or a .bag file of ROS 1.
+"""Reader of MCAP files with JSON or ROS 2 messages, and of ROS bags (rosbag2 folders, and .bag files of ROS 1).
 
-Fields are named as in the message, e.g. ``angular_velocity.x``. Array elements have an index. ``header.stamp`` is
-a single number in ns. ``log_time`` is the time at which the message was recorded.
+Columns have the names of the message fields, e.g. ``angular_velocity.x``. Array elements have an index.
+``header.stamp`` is a single number in ns. ``log_time`` is the time at which the message was recorded (ns).
 """
 
 import json
@@ -26,9 +26,9 @@ from trimtab.logs.foreign.tables import (
 
 Decode = Callable[[bytes], Any]
 Message = tuple[str, int, Decode | None, bytes]
-"""Message of a file: topic, time (ns), decoder or None, and bytes of the message."""
+"""Message in a file: topic, time (ns), decoder of the message or None, and bytes of the message."""
 LISTED = 20
-"""Number of messages from which the list of a topic's fields is made."""
+"""Number of messages of a topic that are decoded to list the fields of the topic."""
 
 
 def list_mcap(path: Path) -> list[TopicSummary]:
@@ -65,9 +65,9 @@ def read_bag(path: Path, topics: Iterable[str]) -> dict[str, Table]:
 def _read_all(
     path: Path, kind: str, messages: Iterator[Message], most: int | None = None
 ) -> dict[str, list[tuple[int, Any]]]:
-    """Return topic -> time and content of each message.
+    """Return the topic -> time and content of each message.
 
-    The content is None after the first `most` messages of a topic, and if a message can't be decoded.
+    The content is None for messages after the first `most` of a topic, and for a message that can't be decoded.
     """
     grouped: dict[str, list[tuple[int, Any]]] = {}
     try:
@@ -112,7 +112,7 @@ def _stack_topics(
 
 
 def _mcap_messages(path: Path, topics: set[str] | None) -> Iterator[Message]:
-    """Yield messages in the order of the file. A file that has no index after a crash can therefore be read, too."""
+    """Yield the messages of an MCAP file in the order of the file, so that no index is needed (e.g. after a crash)."""
     from mcap.exceptions import EndOfFile
     from mcap.reader import NonSeekingReader
 
@@ -138,13 +138,13 @@ def _find_decoder(path: Path, encoding: str, schema: Any) -> Decode | None:
 
 
 def _cdr_decoder(path: Path, name: str, form: str, text: str) -> Decode | None:
-    """Return a decoder for ROS 2 messages of a type; None if the definition of the type is unknown.
+    """Return a decoder for ROS 2 messages of a type, or None if the definition of the type is unknown.
 
     Args:
         path: path of the file, for errors.
         name: name of the message type.
-        form: format of the definition: ``ros2msg`` or ``ros2idl``; any other text: the file has no definition.
-        text: text of the definition. Without a definition, the types of ROS 2 Humble are used.
+        form: format of the definition, ``ros2msg`` or ``ros2idl``. Any other text: the file has no definition.
+        text: text of the definition. If the file has no definition, the type of ROS 2 Humble is used.
     """
     typesys = import_package(name_file(path), "rosbags.typesys")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
@@ -160,7 +160,7 @@ def _cdr_decoder(path: Path, name: str, form: str, text: str) -> Decode | None:
 
 
 def _bag_messages(path: Path, topics: set[str] | None) -> Iterator[Message]:
-    """Yield messages of a rosbag2 folder, or of a .bag file of ROS 1."""
+    """Yield the messages of a rosbag2 folder, or of a .bag file of ROS 1."""
     if path.is_dir():
         rosbag2 = import_package(name_file(path), "rosbags.rosbag2")
         with rosbag2.Reader(path) as reader:

@@ -1,4 +1,4 @@
-"""Common representation of foreign logs: a table of columns and a summary for each topic."""
+"""Common representation of foreign logs: for each topic, a table of columns and a summary."""
 
 import importlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -14,15 +14,15 @@ from trimtab.core.time import FOREVER
 LOG_TIME = "log_time"
 """Name of the column with the time (ns) at which a message was recorded, if the format has such a time."""
 LONGEST_ARRAY = 64
-"""Maximum length of an array whose elements become columns. Longer arrays, such as images, are left out."""
+"""Maximum length of an array whose elements become columns. Longer arrays, e.g. images, are left out."""
 
 
 class Table(NamedTuple):
     """Columns of one topic of a foreign log.
 
-    columns: name -> values (n,), with the type in the file.  units: name -> unit, if the file states units.
-    time: name of the usual time column, or empty.  time_unit: unit of this column.
-    problems: column -> reason why it has no numbers, with the line in the file if known.
+    columns: name -> values (n,), with the data type in the file.  units: name of a column -> unit, if the file states
+    units.  time: name of the usual time column, or "".  time_unit: unit of this column.  problems: name of a column ->
+    reason why the column has no numbers, with the line number in the file if known.
     """
 
     columns: Mapping[str, Any]
@@ -35,8 +35,8 @@ class Table(NamedTuple):
 class TopicSummary(NamedTuple):
     """Summary of one topic of a foreign log.
 
-    name: name of the topic in a mapping.  fields: fields that a mapping can use.  rows: number of rows.
-    rate: mean rate of the rows (Hz); 0 for fewer than two rows, or without times.
+    name: name of the topic in a mapping.  fields: names of the columns that a mapping can use.  rows: number of rows.
+    rate: mean rate of the rows (Hz), or 0 for fewer than two rows or rows without times.
     """
 
     name: str
@@ -46,7 +46,7 @@ class TopicSummary(NamedTuple):
 
 
 def import_package(where: str, module: str) -> Any:
-    """Import a module of a package that the extra ``logs`` installs.
+    """Return a module of a package that the optional dependencies ``trimtab[logs]`` install.
 
     Raises:
         InputError: the package is not installed.
@@ -62,7 +62,7 @@ def import_package(where: str, module: str) -> Any:
 
 
 def refuse_topic(where: str, topic: str, known: Iterable[str]) -> NoReturn:
-    """Raise InputError because a file does not have a topic. The error lists the topics of the file."""
+    """Raise InputError because a file does not have a topic. The message lists the topics of the file."""
     names = sorted(known)
     near = closest(topic, names, 1)
     fix = f'topic = "{near[0]}"' if near else "set  topic = …  in the mapping to one of the choices"
@@ -70,23 +70,23 @@ def refuse_topic(where: str, topic: str, known: Iterable[str]) -> NoReturn:
 
 
 def refuse_damage(where: str, kind: str, error: Exception) -> NoReturn:
-    """Raise InputError because a file has the first bytes of this kind of file, but can't be read."""
+    """Raise InputError because a file has the first bytes of a format, but can't be read. kind: name of the format."""
     said = str(error).partition("\n")[0][:200]
     problem = f"looks like {kind} by its first bytes, but can't be read: {type(error).__name__}: {said}"
     raise InputError(where, problem, fix="copy the file again from the recorder") from None
 
 
 def summarise_rows(name: str, fields: Sequence[str], seconds: Any) -> TopicSummary:
-    """Return the summary of a topic whose rows have the times `seconds` (n,)."""
+    """Return the summary of a topic. seconds: times of the topic's rows (n,)."""
     times = np.asarray(seconds, np.float64)
     span = float(times.max() - times.min()) if len(times) > 1 else 0.0
     return TopicSummary(name, tuple(fields), len(times), (len(times) - 1) / span if span > 0 else 0.0)
 
 
 def flatten_message(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield name and value of each number of a decoded message, e.g. of ``linear.x`` and ``covariance[0]``.
+    """Yield name and value of each number in a decoded message, e.g. ``linear.x`` and ``covariance[0]``.
 
-    A time in seconds and nanoseconds becomes one number in ns. Texts and long arrays are left out.
+    A time that consists of seconds and nanoseconds becomes one number in ns. Texts and long arrays are left out.
     """
     if isinstance(value, bool | int | float | np.number | np.bool_):
         yield name, value
@@ -113,7 +113,7 @@ def _flatten_members(members: Mapping[str, Any], name: str) -> Iterator[tuple[st
 
 
 def stack_messages(where: str, topic: str, messages: Sequence[Mapping[str, Any]], times: Sequence[int]) -> Table:
-    """Collect the messages of a topic in a table. Missing values become NaN.
+    """Return the table of a topic, made from the topic's messages. Missing values become NaN.
 
     Args:
         where: name of the file, for errors.

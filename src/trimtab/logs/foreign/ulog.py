@@ -1,6 +1,6 @@
-"""Reader of PX4's ULog. Topics are uORB messages; ``sensor_accel[1]`` is the second instance of ``sensor_accel``.
+"""Reader of PX4's ULog files. Topics are uORB messages. ``sensor_accel[1]`` is the second instance of ``sensor_accel``.
 
-Source: PX4 user guide, ULog file format; read by pyulog.
+Source: PX4 user guide, ULog file format. The files are read with the package pyulog.
 """
 
 import contextlib

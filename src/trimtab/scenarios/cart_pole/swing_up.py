@@ -1,4 +1,4 @@
-"""Swing up a pole on a cart by control of its energy, then catch and balance it. A textbook example."""
+"""Swing up a pole on a cart by energy control, then catch and balance the pole. A textbook example."""
 
 from typing import Annotated, Literal
 
@@ -26,7 +26,8 @@ Start = Annotated[
 
 
 def scenario(start: Start = "hanging") -> Scenario:
-    """Return the scenario. The masses are those of Barto (1983). Force limit and motor lag are our assumptions."""
+    """Return the swing-up scenario. The masses are those of Barto (1983). Force limit and motor lag are our
+    assumptions."""
     motor = FirstOrderLag(time_constant=0.02, low=-10.0, high=10.0)
     world = World(
         vehicle=CartPole(),

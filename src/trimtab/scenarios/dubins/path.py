@@ -1,4 +1,4 @@
-"""Drive a car with a minimum turning radius to a pose by the shortest path, steered over a link. A textbook example."""
+"""Drive a car with a minimum turning radius along the shortest path to a pose, over a radio link. Textbook example."""
 
 from typing import Annotated, Literal
 
@@ -29,10 +29,11 @@ GOALS = {
     "RLR": (-1.0, -1.0, 180.0),
     "LRL": (0.0, 2.0, 135.0),
 }
-"""Goal pose for each sequence of turns (L: left, S: straight, R: right): north, east (m) and heading (degrees). The
-shortest path to this goal has this sequence."""
+"""Path type, a sequence of L (left turn), S (straight) and R (right turn) -> goal pose to which the shortest path has
+this type: north, east (m) and heading (degrees)."""
 RADIUS = 1.0
-"""Turning radius of the path (m). The car's minimum is 0.8 m, so in a turn the car can still correct to both sides."""
+"""Turning radius of the path (m). The car's minimum turning radius is smaller, 0.8 m, so that the car can correct
+deviations to both sides in a turn."""
 Word = Annotated[
     Literal["LSR", "RSL", "LSL", "RSR", "RLR", "LRL"],
     {word: f"to {n:g} m north, {e:g} m east, heading {h:g} degrees" for word, (n, e, h) in GOALS.items()},
@@ -40,9 +41,9 @@ Word = Annotated[
 
 
 def scenario(word: Word = "LSR") -> Scenario:
-    """Return the scenario. Its parameters are our choice. The car starts 30 cm to the right of the path.
+    """Return the scenario of the car. All parameters are our choice.
 
-    The car does not stop at the goal.
+    The car starts 30 cm to the right of the path, and does not stop at the goal.
     """
     car = DubinsCar()
     north, east, heading = GOALS[word]

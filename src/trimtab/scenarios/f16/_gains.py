@@ -1,8 +1,8 @@
-"""Trim and gains of the F-16's load-factor control, computed from the vehicle model.
+"""Trim point and gains of the F-16's load-factor control, computed from the vehicle model.
 
 Source: [1] P. Heidlauf, A. Collins, M. Bolender, S. Bak, "Verification challenges in F-16 ground collision avoidance
 and other automated maneuvers", ARCH 2018, for the form, the position of the accelerometers and the weights of the
-longitudinal regulator. The gains are printed in AeroBenchVV, the program of its authors.
+longitudinal regulator. The gains are printed in AeroBenchVV, the program of the authors of [1].
 """
 
 from functools import lru_cache
@@ -21,28 +21,30 @@ from trimtab.vehicles.f16_flat_earth import F16FlatEarth, F16State
 from trimtab.vehicles.imperial import FOOT
 
 SPEED, ALTITUDE = 502 * FOOT, 1000 * FOOT
-"""Speed (m/s) and altitude (m) at which [1] trims and linearises."""
+"""Speed (m/s) and altitude (m) at which [1] trims and linearises the F-16."""
 STATION = 15 * FOOT
 """Distance of the accelerometers ahead of the centre of mass (m)."""
 WEIGHTS = {
     "published": ((1000.0, 0.0, 1500.0), (0.0, 0.0, 0.0, 115_000.0, 8_100.0)),
     "actuators": ((500.0, 100.0, 200.0), (1000.0, 0.0, 1000.0, 2000.0, 8_100.0)),
 }
-"""Weights of the LQR design, by name: longitudinal, then lateral. A surface deflection of one degree has weight 1.
+"""Name of a set of LQR weights -> longitudinal weights and lateral weights. A surface deflection of one degree has
+weight 1.
 
 Longitudinal states: angle of attack (1/rad²), pitch rate, integral of load factor (1/s²). Lateral states: sideslip,
 roll rate, yaw rate, integral of roll rate, integral of the sum of side load and yaw rate.
 
-published: longitudinal weights of AeroBenchVV, BuildLongitudinalLqrCtrl. The lateral weights are computed from that
-program's lateral gains by Q = K'R K, with weights on the integrals only, and rounded. Its own lateral weights, 1200 and
-3000, do not give its gains. actuators: chosen for surfaces with lag and for a loop with delay.
+published: longitudinal weights of AeroBenchVV, BuildLongitudinalLqrCtrl. The lateral weights are computed from the
+lateral gains of AeroBenchVV by Q = K'R K, with weights on the integrals only, and rounded, because the gains of
+AeroBenchVV do not follow from the lateral weights 1200 and 3000 in that program. actuators: weights chosen for surfaces
+with lag and for a loop with delay.
 """
 
 
 class LoadFactorDesign(NamedTuple):
-    """Result of the design. level: trim.  linear: model linearised at the trim.  along: gain of the elevator.
+    """Result of the gain design. level: trim point.  linear: vehicle model, linearised at the trim point.
 
-    aside: gain of aileron and rudder. Both gains are K in u = K x (rad).
+    along: LQR design of the elevator.  aside: LQR design of aileron and rudder. The gains are K in u = K x (rad).
     """
 
     level: Trim
@@ -52,7 +54,7 @@ class LoadFactorDesign(NamedTuple):
 
 
 def model_at(craft: F16FlatEarth, x: F16State, u: F16Controls) -> StateSpaceModel:
-    """Return the vehicle with the normal and lateral load factors at STATION as outputs."""
+    """Return the vehicle model with two outputs: normal and lateral load factor at the accelerometers (STATION)."""
 
     def load(axis: int, sign: float) -> Any:
         def at(x: F16State, u: F16Controls) -> Any:
@@ -67,7 +69,7 @@ def model_at(craft: F16FlatEarth, x: F16State, u: F16Controls) -> StateSpaceMode
 
 
 def level_flight(craft: F16FlatEarth, speed: float, altitude: float) -> Trim:
-    """Return the trim of straight, level flight to the north. Solve for angle of attack, throttle and elevator."""
+    """Return the trim point of straight, level flight to the north: angle of attack, throttle and elevator."""
     zero, alpha = 0.0, 0.04
     x = F16State(speed, alpha, zero, zero, alpha, zero, zero, zero, zero, zero, zero, altitude, 0.1)
     model = model_of_vehicle(
@@ -84,7 +86,10 @@ def level_flight(craft: F16FlatEarth, speed: float, altitude: float) -> Trim:
 
 @lru_cache(maxsize=4)
 def design_load_factor_control(weights: str = "published") -> LoadFactorDesign:
-    """Return trim, model and gains of the default vehicle at SPEED and ALTITUDE. weights: name in WEIGHTS."""
+    """Return trim point, linear model and gains of the default F-16 at SPEED and ALTITUDE.
+
+    weights: name of a set of LQR weights in WEIGHTS.
+    """
     along_weights, aside_weights = WEIGHTS[weights]
     craft = F16FlatEarth()
     level = level_flight(craft, SPEED, ALTITUDE)
@@ -111,9 +116,9 @@ def design_load_factor_control(weights: str = "published") -> LoadFactorDesign:
 
 
 def _regulator(A: Any, B: Any, C: Any, D: Any, weights: Any) -> Lqr:
-    """Return the LQR design for the states, extended by the integrals of the outputs.
+    """Return the LQR design of the system (A, B, C, D), with the integrals of the outputs as additional states.
 
-    weights: diagonal weights of the states and the integrals. A surface deflection of one degree has weight 1.
+    weights: diagonal of the weight matrix of states and integrals. A surface deflection of one degree has weight 1.
     """
     n, k = len(A), len(C)
     longer = np.block([[A, np.zeros((n, k))], [C, np.zeros((k, k))]])

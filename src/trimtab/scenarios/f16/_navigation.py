@@ -1,6 +1,7 @@
-"""Navigation of the F-16: instruments for all values that the law reads, or a filter with IMU, GNSS and air data.
+"""Navigation of the F-16: instruments that measure all values that the law reads, or a filter of IMU, GNSS and air
+data.
 
-The positions of the sensors and the sizes of their errors are our assumptions, without a source.
+The sensor positions and the sensor errors are our assumptions, without a source.
 """
 
 from typing import Annotated, Any, Literal
@@ -25,16 +26,16 @@ Navigation = Annotated[
     Literal["instruments", "gnss-inertial"],
     {
         "instruments": "instruments that measure all values that the law reads, each with its own error",
-        "gnss-inertial": "error-state filter with inertial unit, delayed satellite fixes, pitot tube and vanes",
+        "gnss-inertial": "error-state filter of inertial unit, delayed GNSS fixes, pitot tube and flow vanes",
     },
 ]
 TICK = ms(10)
 STATION = (15 * FOOT, 0.0, 0.0)
 """Position of the accelerometers relative to the centre of mass, in body axes (m)."""
 ANTENNA = (10 * FOOT, 0.0, -4 * FOOT)
-"""Position of the receiver's antenna, behind the cockpit, relative to the centre of mass, in body axes (m)."""
+"""Position of the GNSS antenna, behind the cockpit, relative to the centre of mass, in body axes (m)."""
 OUTAGE = Outages(start=seconds(2), length=ms(2500))
-"""Outage of the receiver while the vehicle rolls and pulls up, because its antenna then does not face the sky."""
+"""Outage of the GNSS receiver while the aircraft rolls and pulls up, because the antenna does not face the sky then."""
 INSTRUMENTS = FlightInstruments(
     lever_arm=STATION,
     speed_noise=0.5,
@@ -55,7 +56,7 @@ INSTRUMENTS = FlightInstruments(
 
 
 def equipment(navigation: str, first: F16State) -> tuple[dict[str, Any], Any]:
-    """Return the sensors by name, and the estimator that reads these sensors."""
+    """Return the sensors, by name, and the estimator of a navigation system. first: initial state of the aircraft."""
     if navigation == "instruments":
         return {"instruments": INSTRUMENTS}, Passthrough("instruments")
     down = (0.0, 0.0, GRAVITY)
@@ -78,7 +79,10 @@ def equipment(navigation: str, first: F16State) -> tuple[dict[str, Any], Any]:
 
 
 def aligned_start(first: F16State) -> SpatialStart:
-    """Return the filter's initial estimate, as after a long flight. Most values have an error of about one sigma."""
+    """Return the filter's initial estimate, as it would be after a long flight.
+
+    Most values differ from the true state by about one standard deviation.
+    """
     start = SpatialStart(sigma_tilt=0.3 * DEG, sigma_heading=1.0 * DEG, sigma_position=1.0, sigma_gyro_bias=0.05 * DEG)
     tilt, heading = start.sigma_tilt, start.sigma_heading
     angles = np.array([first.roll, first.pitch, first.yaw], float)
@@ -92,7 +96,10 @@ def aligned_start(first: F16State) -> SpatialStart:
 
 
 def _rotation(angles: Any) -> Any:
-    """Return R_WB (3, 3) of roll, pitch, yaw (rad). Computed in numpy, so that every machine gives the same bits."""
+    """Return the rotation matrix R_WB (3, 3) for roll, pitch, yaw (rad).
+
+    It is computed with numpy, so that the result is the same, bit for bit, on every machine.
+    """
     (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
     return np.array(
         [
@@ -104,14 +111,14 @@ def _rotation(angles: Any) -> Any:
 
 
 def _ahead(angles: Any) -> Any:
-    """Return the vector from the centre of mass to the inertial unit, in W (3,) (m)."""
+    """Return the vector (3,) from the centre of mass to the inertial unit (m), in the world frame W."""
     return _rotation(angles) @ np.asarray(STATION)
 
 
 def _velocity(x: F16State) -> Any:
-    """Return the velocity of the centre of mass in W (3,) (m/s), for flight without sideslip.
+    """Return the velocity (3,) of the centre of mass (m/s) in the world frame W, for flight without sideslip.
 
-    Without rotation, the inertial unit has the same velocity.
+    The aircraft does not rotate, so this is also the velocity of the inertial unit.
     """
     along = x.speed * np.array([np.cos(x.alpha), 0.0, np.sin(x.alpha)])
     return _rotation(np.array([x.roll, x.pitch, x.yaw], float)) @ along

@@ -38,9 +38,9 @@ Gains = Annotated[
     },
 ]
 SURFACES = {"elevator": (25.0, 60.0), "aileron": (21.5, 80.0), "rudder": (30.0, 120.0)}
-"""Maximum deflection in either direction (deg), and maximum rate (deg/s), of each surface."""
+"""Control surface -> maximum deflection in either direction (deg), and maximum rate (deg/s)."""
 BANDWIDTH = 20.2
-"""Bandwidth of the surfaces' lag (rad/s)."""
+"""Bandwidth of the control surfaces' first-order lag (rad/s)."""
 
 FOR_ACTUATORS = GroundAvoidance(
     control=LoadFactorControl(
@@ -56,14 +56,17 @@ FOR_ACTUATORS = GroundAvoidance(
     roll_damping=0.0,
     most_roll=2.5,
 )
-"""Controller with the gains that `_gains` computes from the weights "actuators".
+"""Ground avoidance law with the gains that the module `_gains` computes from the weights "actuators".
 
-AeroBenchVV has a roll gain of 4, a roll damping of 2, and no limit of the demanded roll rate.
+For comparison: the law of AeroBenchVV has a roll gain of 4, a roll damping of 2, and no limit on the roll rate demand.
 """
 
 
 def scenario(start: Start = "dive", gains: Gains = "actuators", navigation: Navigation = "instruments") -> Scenario:
-    """Return the scenario. The two starts are those of AeroBenchVV; sensor errors and actuator limits are ours."""
+    """Return the ground avoidance scenario.
+
+    The two initial states are those of AeroBenchVV. The sensor errors are our choice.
+    """
     law = FOR_ACTUATORS if gains == "actuators" else GroundAvoidance()
     control = law.control
     trim = F16Controls(elevator=control.trim_elevator, aileron=0.0, rudder=0.0, throttle=control.throttle)
@@ -109,9 +112,9 @@ def surfaces(trim: F16Controls) -> ActuatorBank:
 
 
 def first_state(bank: float, pitch: float, altitude: float = 1000 * FOOT, speed: float = 540 * FOOT) -> F16State:
-    """Return an initial state that heads north without rotation, with the angle of attack and power of AeroBenchVV.
+    """Return an initial state with heading north and no rotation, with the angle of attack and power of AeroBenchVV.
 
-    Units: rad, m, m/s.
+    bank and pitch are in rad, altitude in m, speed in m/s.
     """
     rest = F16State(*[0.0] * 13)
     return replace(rest, speed=speed, alpha=2.1215 * DEG, roll=bank, pitch=pitch, altitude=altitude, power=0.09)

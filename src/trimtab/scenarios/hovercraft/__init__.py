@@ -1,1 +1,1 @@
-"""Flights of the hovercraft, with the settings of the thesis's tables."""
+"""Scenarios of the hovercraft, most of them with the settings in the tables of the thesis (Kulis 2006)."""

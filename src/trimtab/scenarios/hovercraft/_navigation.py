@@ -1,8 +1,8 @@
-"""Navigation of the hovercraft: the thesis's model of navigation errors, or the navigation system itself.
+"""Navigation of the hovercraft: a model of navigation errors, or a simulated navigation system with its sensors.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, sections
-5.4, 5.5 and 6.1. The hall, the positions of beacons and ultrasonic units, and the errors of survey and temperature are
-our own choice.
+5.4, 5.5 and 6.1. The hall, the positions of beacons and ultrasonic receivers, and the errors of beacon survey and air
+temperature are our own choice.
 """
 
 from collections.abc import Mapping
@@ -42,10 +42,10 @@ Navigation = Annotated[
     Kind,
     {
         "errors": "true state with random errors from the thesis's model of navigation errors",
-        "ins": "INS with IMU and ultrasonic fixes; dual filters, with feedback of the estimated errors",
-        "ins-magnetometer": "INS as in ins, but with the heading from a magnetometer instead of two ultrasonic units",
-        "ins-coupled": "INS with one filter for heading and motion, so that positions also correct the heading",
-        "ins-feedforward": "INS with the dual filters of the thesis: the errors are subtracted from the INS output",
+        "ins": "INS with IMU, ultrasonic fixes and dual filters, whose estimated errors are fed back to the INS",
+        "ins-magnetometer": "INS as in ins, but with heading from a magnetometer instead of ultrasonic receivers",
+        "ins-coupled": "INS with one filter for heading and motion, so that position fixes also correct the heading",
+        "ins-feedforward": "INS with the dual filters of the thesis; estimated errors are subtracted from its output",
         "ins-direct": "INS with dual filters that estimate the state instead of its errors",
         "tight": "tightly coupled filter that uses the IMU and each raw range",
         "particle": "particle filter that uses the IMU and each raw range",
@@ -58,18 +58,18 @@ FORMS: dict[str, Any] = {
     "ins-feedforward": AidedInertialFeedforward,
     "ins-direct": AidedInertialDirect,
 }
-"""Class of the INS that processes the fixes, by name of the navigation system."""
+"""Name of the navigation system -> class of the INS that processes the position fixes."""
 
 Bus = Literal["none", "slave"]
-"""Bus between the ultrasonic units and the radio.
+"""Bus between the ultrasonic receivers and the radio on board the hovercraft.
 
-slave: the units are connected to a second microcontroller, and a slow bus carries their samples to the microcontroller
-with the radio. none: the samples arrive without delay.
+slave: the receivers are connected to a second microcontroller, and a slow bus carries the samples to the
+microcontroller with the radio. none: the samples reach the radio without delay.
 """
 
 CEILING, SPACING = 4.0, 3.4
-"""Height of the beacons and distance between beacons (m). Everywhere on the floor, an ultrasonic unit receives at
-least three beacons, and in most positions four."""
+"""Height of the beacons above the floor, and distance between beacons (m). An ultrasonic receiver receives at least
+three beacons everywhere on the floor, and four beacons in most positions."""
 NOISE = InertialNoise(
     gyro=1.6e-4,
     gyro_walk=1e-6,
@@ -79,28 +79,28 @@ NOISE = InertialNoise(
     position_constant=0.008,
     heading_constant=0.012,
 )
-"""Noise of the IMU as the filter assumes it.
+"""Noise of the IMU that the filter assumes.
 
-The white noise is from the data sheet. The random walks also cover scale factor, misalignment and bandwidth in
-manoeuvres.
+The white noise is from the data sheet. The random walks are larger, to cover errors of scale factor, misalignment and
+bandwidth during manoeuvres.
 """
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
 IMU = Imu.microstrain_3dm_gx1()
 INTAKE = Intake(gap=ms(150), lag=seconds(round(np.sqrt(2) / (2 * np.pi * float(IMU.gyro.bandwidth)), 4)))
-"""Selection of the samples for the filter. A link with jitter has longer gaps than the usual 40 ms, so 150 ms are
-allowed. The lag is that of the IMU's low-pass filter, 7.5 ms."""
+"""Selection of the samples for the filter. Gaps of up to 150 ms between samples are allowed, because a radio link with
+jitter has longer gaps than the usual 40 ms. The lag is that of the IMU's low-pass filter, 7.5 ms."""
 MESSAGE = 5 + 1 + 6 * 3
-"""Size (bytes) of one measurement on the bus: header, unit, and number and range of each beacon that replied. At most
-six of these beacons reply."""
+"""Size (bytes) of one measurement on the bus: header, number of the receiver, and number and range of each beacon that
+replied. At most six beacons reply."""
 SLAVE = SlaveBus(size=MESSAGE, queue=ms(40), capacity=42)
-"""Bus of the second microcontroller. A message takes at most 31 ms, and the next message is sent 100 ms
-later. So no message waits in the queue or is dropped."""
+"""Bus of the second microcontroller. The transmission of a message takes at most 31 ms, and messages are sent every
+100 ms. Therefore no message waits in the queue or is dropped."""
 Floor = tuple[float, float, float, float]
-"""Limits of a floor (m): south, north, west, east."""
+"""Limits of the floor area (m): south, north, west, east."""
 
 
 def hall_beacons(floor: Floor) -> Beacons:
-    """Return beacons on a square grid under the ceiling, above the whole floor."""
+    """Return beacons on a square grid under the ceiling of a hall, above all of the floor area."""
     south, north, west, east = floor
 
     def across(low: float, high: float) -> Any:
@@ -114,17 +114,17 @@ def hall_beacons(floor: Floor) -> Beacons:
 def choose_navigation(
     navigation: Navigation, errors: NavigationErrors | None, floor: Floor, bus: Bus = "none"
 ) -> tuple[Mapping[str, Any], Any]:
-    """Return the sensors by name, and the estimator that reads these sensors.
+    """Return the sensors, by name, and the estimator of a navigation system.
 
     Args:
         navigation: name of the navigation system.
-        errors: the error model, used for "errors" only. None: that of the thesis.
-        floor: floor on which the vehicle may move (m).
-        bus: bus between the ultrasonic units and the radio.
+        errors: model of navigation errors, used only for navigation "errors". None: the model of the thesis.
+        floor: floor area on which the vehicle may move (m).
+        bus: bus between the ultrasonic receivers and the radio.
     """
     if navigation == "errors":
         if bus != "none":
-            problem = 'the bus carries ultrasonic samples, and navigation "errors" has no ultrasonic units'
+            problem = 'the bus carries ultrasonic samples, but navigation "errors" has no ultrasonic receivers'
             raise InputError(
                 argument_name("settings", "bus"),
                 problem,
@@ -132,7 +132,7 @@ def choose_navigation(
             )
         return {"navigation": errors or NavigationErrors()}, Passthrough("navigation")
     beacons = hall_beacons(floor)
-    medium = Medium(actual=replace(Air(), temperature=293.65))  # half a degree warmer than assumed
+    medium = Medium(actual=replace(Air(), temperature=293.65))  # half a degree warmer than the estimator assumes
     ranging: Any = UltrasonicRanging(beacons=beacons, units=PAIR, clients=2, medium=medium)
     if bus == "slave":
         ranging = RelayedSensor(inner=ranging, bus=SLAVE)
@@ -143,11 +143,12 @@ def choose_navigation(
 
 
 def _make_estimator(navigation: Kind, beacons: Any) -> Any:
-    """Return the estimator that uses IMU and ranges. The filters of raw ranges model constant errors themselves.
+    """Return the estimator that uses the IMU and the ultrasonic ranges.
 
-    The tightly coupled filter starts from the given state, as the INS does. Its own initial estimate needs a gyro that
-    is not saturated. In `hovercraft/zero-velocity` the gyro is saturated until the law has braked the craft, but the
-    law waits for an estimate.
+    The filters of raw ranges ("tight", "particle") model constant errors themselves. The tightly coupled filter starts
+    from the given initial state, as the INS does. It could estimate the initial state only if the gyro were not
+    saturated. In `hovercraft/zero-velocity`, the gyro is saturated until the law has braked the craft, but the law
+    waits for an estimate.
     """
     if navigation in ("tight", "particle"):
         noise = replace(NOISE, position_constant=0.0, heading_constant=0.0)

@@ -1,10 +1,10 @@
-"""Theorems about the hovercraft's control laws. Vehicle, laws and Lyapunov functions are those of the package's code.
+"""Theorems about the hovercraft's control laws, proved for the same code of vehicle and laws that flies.
 
-Each function here returns a theorem for its settings. A theorem without settings holds for all positive gains, masses
-and references, because these are symbols in it.
+Each public function returns one theorem. The arguments of a function are the numbers for which the theorem holds. A
+theorem without arguments holds for all positive gains, masses and references, which are symbols in it.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, sections
-2.2 and 2.3; docs Errata lists the corrections to it.
+2.2 and 2.3. The docs page Errata lists corrections to [1].
 """
 
 import math
@@ -33,14 +33,15 @@ CRAFT = ("m", "J", "d")
 NEARLY = 0.15
 """Largest deviation of the function W from V in `zero_velocity_time`, as a fraction of V."""
 NEAR = 1e-9
-"""Relative margin of a sharp threshold, because of the rounding of floats.
+"""Relative margin for rounding errors at the sharp threshold of the switching energy.
 
-The proof uses a threshold that is lower by this margin. The counterexample uses one that is higher by this margin.
+The proof uses a threshold that is lower by this margin. The counterexample uses a threshold that is higher by this
+margin.
 """
 
 
 def zero_velocity() -> LawTheorem:
-    """Return the theorem that the loop with ZeroVelocity comes to rest from every initial state."""
+    """Return the theorem that the craft comes to rest from every initial state with the law ZeroVelocity."""
     law = ZeroVelocity(k1=symbol("k1"), k2=symbol("k2"), model=_symbolic_craft())
     return _global_theorem("zero-velocity", law, ("k1", "k2"))
 
@@ -57,12 +58,13 @@ def zero_velocity_time(
     inertia: float = 0.096,
     arm: float = 0.32,
 ) -> LawTheorem:
-    """Return the theorem that bounds the time in which ZeroVelocity brakes the craft.
+    """Return the theorem that bounds the time in which the law ZeroVelocity brakes the craft.
 
-    Before a turn, a heading law waits for this time in its mode "damp".
+    A heading law waits for this time in its mode "damp" before a turn.
 
-    V does not fall everywhere. W = V - slip_cross u (v - d r) r - turn_cross u r^2 does, because W' <= -rate V^2. So
-    1/W grows by at least rate/(1 + NEARLY)^2 per second, which gives `settling_bound`.
+    The Lyapunov function V does not decrease everywhere, but W = V - slip_cross u (v - d r) r - turn_cross u r^2 does,
+    with W' <= -rate V^2. Therefore 1/W grows by at least rate/(1 + NEARLY)^2 per second. `settling_bound` follows from
+    this. u, v, r: surge velocity, sway velocity and yaw rate.  d: distance of the rudder pivot from the centre of mass.
     """
     model, craft = _numeric_craft(mass, inertia, arm)
     law = ZeroVelocity(k1=constant(k1), k2=constant(k2), model=model)
@@ -94,22 +96,29 @@ def zero_velocity_time(
 
 
 def settling_bound(theorem: LawTheorem, start: float, end: float) -> float:
-    """Return the upper bound (s) of the time in which V falls from start to end (J), by `zero_velocity_time`."""
+    """Return an upper bound (s) of the time in which V (J) falls from `start` to `end`.
+
+    theorem: result of `zero_velocity_time`.
+    """
     level, rate = float(theorem.about["level"]), float(theorem.about["rate"])
     if not 0 < end <= start <= level:
-        problem = f"from {start} J to {end} J is outside the level of {level} J"
-        raise InputError("settling_bound", problem, fix="give 0 < end <= start <= level")
+        problem = f"must be 0 < end <= start <= {level} J (level of the theorem), got start {start} J and end {end} J"
+        raise InputError("settling_bound", problem, fix="choose 0 < end <= start <= level")
     return (1 + NEARLY) ** 2 / rate * (1 / ((1 - NEARLY) * end) - 1 / ((1 + NEARLY) * start))
 
 
 def forward() -> LawTheorem:
-    """Return the theorem that ForwardMomentum reaches its momentum from every initial state, even if k2 < PXr/d."""
+    """Return the theorem that the law ForwardMomentum reaches its momentum reference PXr from every initial state.
+
+    The theorem also holds if the gain k2 is less than PXr/d.
+    """
     law = ForwardMomentum(k1=symbol("k1"), k2=symbol("k2"), reference=symbol("PXr"), model=_symbolic_craft())
     return _global_theorem("forward", law, ("k1", "k2", "PXr"))
 
 
 def forward_matched() -> LawTheorem:
-    """Return the theorem that ForwardMomentumMatched reaches its momentum from every initial state."""
+    """Return the theorem that the law ForwardMomentumMatched reaches its momentum reference from every initial
+    state."""
     law = ForwardMomentumMatched(k1=symbol("k1"), reference=symbol("PXr"), model=_symbolic_craft())
     return _global_theorem("forward-matched", law, ("k1", "PXr"))
 
@@ -124,9 +133,9 @@ def reverse(
     inertia: float = 0.096,
     arm: float = 0.32,
 ) -> LawTheorem:
-    """Return the theorem that ReverseMomentum reaches its momentum from a region of initial states.
+    """Return the theorem that the law ReverseMomentum reaches its momentum reference from a region of initial states.
 
-    The theorem also states that the linearised loop is stable for all gains above their bounds.
+    The theorem also states that the linearised loop is stable for all gains above given bounds.
     """
     about = {"k1": k1, "k2": k2, "theta": theta, "reference": reference}
     model, craft = _numeric_craft(mass, inertia, arm)
@@ -150,7 +159,8 @@ def reverse(
 
 
 def spin() -> LawTheorem:
-    """Return the theorem that W never grows with ConstantSpin, and that every motion ends in one of two points."""
+    """Return the theorem about the law ConstantSpin: W never grows, and every motion ends in one of two limit
+    points."""
     law = ConstantSpin(k1=symbol("k1"), k2=symbol("k2"), reference=symbol("ref"), model=_symbolic_craft())
     theorem = _global_theorem("spin", law, ("k1", "k2", "ref"), rest={"r": symbol("ref")})
     bad = {"u": constant(0), "v": -symbol("d") * symbol("ref"), "r": constant(0)}
@@ -165,10 +175,11 @@ def spin() -> LawTheorem:
 
 
 def spin_gate(*, mass: float = 2.6, inertia: float = 0.096, arm: float = 0.32) -> LawTheorem:
-    """Return the theorem that ConstantSpin, started with V below the switching energy, reaches r = ref.
+    """Return the theorem that the law ConstantSpin reaches the yaw rate r = ref if V is below the switching energy.
 
-    The theorem holds for both switching energies, and for no threshold above the sharp switching energy. W_bad in the
-    names of the claims is the value of W at the bad limit point (`limit_point_value`).
+    V is the kinetic energy at the start of the law. The theorem holds for both switching energies, and for no threshold
+    above the sharp switching energy. W_bad in the names of the claims is the value of the Lyapunov function W at the
+    undesired limit point (`limit_point_value`).
     """
     model, craft = _numeric_craft(mass, inertia, arm)
     ref, x = symbol("ref"), _state()
@@ -200,12 +211,12 @@ def spin_gate(*, mass: float = 2.6, inertia: float = 0.096, arm: float = 0.32) -
 
 
 def spin_reference(*, mass: float = 2.6, inertia: float = 0.096, arm: float = 0.32) -> LawTheorem:
-    """Return the theorem that ConstantSpin still reaches r = ref after a change to a reference above a bound.
+    """Return the theorem that the law ConstantSpin reaches a new yaw rate reference above `safe_reference_bound`.
 
-    The bound is safe_reference_bound. The theorem does not cover a reference of opposite sign.
+    The theorem does not cover a new reference of opposite sign.
 
-    Symbols: a is the old reference, b the new one, D = J (g^2 - 1), and h = b (1 + g) - a. If b is above the bound, h
-    is above sqrt(2 W/J).
+    Symbols: a is the old reference, b is the new reference, D = J (g^2 - 1), and h = b (1 + g) - a. If b is above the
+    bound, h is above sqrt(2 W/J).
     """
     states, model = ("u", "v", "r"), _symbolic_craft()
     e, g, h, t = (symbol(n) for n in ("e", "g", "h", "t"))
@@ -259,11 +270,14 @@ THEOREMS = {
     "hovercraft/spin-gate": spin_gate,
     "hovercraft/spin-reference": spin_reference,
 }
-"""Function that returns each theorem for its settings, by the theorem's name."""
+"""Name of a theorem -> function that returns the theorem."""
 
 
 def _global_theorem(name: str, law: Any, gains: tuple[str, ...], rest: Any = None) -> LawTheorem:
-    """Return the theorem that a loop reaches its equilibrium from every state, for all positive parameter values."""
+    """Return the theorem that a loop comes to rest at its equilibrium from every state, for all positive parameters.
+
+    gains: names of the law's parameters.  rest: values of states at the equilibrium, if the law does not define them.
+    """
     field, value = closed_loop(law.model, law, HovercraftState(), STATES)
     zeros = dict.fromkeys(STATES.values(), constant(0))
     region = Region(tuple(STATES.values()), (*CRAFT, *gains), zeros | rest if rest else _rest(law))
@@ -290,7 +304,7 @@ def _numeric_craft(mass: float, inertia: float, arm: float) -> tuple[Hovercraft,
 
 
 def _margin_of_spin(model: Hovercraft, reference: Any) -> Polynomial:
-    """Return limit_point_value - W for a reference. Where it is positive, ConstantSpin reaches r = reference."""
+    """Return limit_point_value - W for a reference. Where this is positive, ConstantSpin reaches r = reference."""
     return as_polynomial(limit_point_value(model, reference)) - _about(model, reference)
 
 
@@ -299,7 +313,7 @@ def _about(model: Hovercraft, reference: Any) -> Polynomial:
 
 
 def _with_ratio(p: Polynomial, g: Polynomial) -> Polynomial:
-    """Replace d^2 by J (g^2 - 1)/m, which makes D = J (g^2 - 1)."""
+    """Return the polynomial p with d^2 replaced by J (g^2 - 1)/m, so that D = d^2 m equals J (g^2 - 1)."""
     square = symbol("J") * (g * g - 1) / symbol("m")
     return sum((part * square ** (dict(m).get("d", 0) // 2) for m, part in p.collect(("d",)).items()), constant(0))
 
@@ -309,7 +323,7 @@ def _times(hypothesis: str, weight: Polynomial) -> WeightedSquares:
 
 
 def _bound_line(model: Hovercraft) -> Line:
-    """Return the check, in floats, that b = safe_reference_bound solves b (1 + g) - a = sqrt(2 W/J)."""
+    """Return the numerical check that b = safe_reference_bound solves b (1 + g) - a = sqrt(2 W/J)."""
 
     def compare() -> ProofCondition:
         g, off = math.sqrt(1 + model.arm**2 * model.mass / model.inertia), 0.0
@@ -323,9 +337,9 @@ def _bound_line(model: Hovercraft) -> Line:
 
 
 def _sign_flip(model: Hovercraft) -> Counterexample:
-    """Return a counterexample: a reference of opposite sign is not safe, even 1 % above the bound.
+    """Return the counterexample of a new reference of opposite sign, which is not safe even 1 % above the bound.
 
-    The craft spins steadily at the old reference of 3 rad/s.
+    In the counterexample, the craft spins steadily at the old reference of 3 rad/s.
     """
     exact_model, _ = _numeric_craft(model.mass, model.inertia, model.arm)
     a, r = constant(3), constant(3)

@@ -1,4 +1,4 @@
-"""Common parts of the hovercraft's scenarios: the simulated autopilot of section 6.1 of the thesis.
+"""Parts that all hovercraft scenarios share: vehicle, actuators, radio and navigation of section 6.1 of the thesis.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -31,52 +31,53 @@ Links = Annotated[
     {
         "chain": "constant delays, as in the thesis's simulation: 36 ms downlink, 40 ms uplink",
         "measured": "random latencies with the statistics of the thesis's Bluetooth measurements",
-        "none": "no radio link: the autopilot is on board the vehicle",
+        "none": "no radio link, because the autopilot is on board the vehicle",
     },
 ]
 Craft = Annotated[
     Literal["thesis", "lighter"],
     {
         "thesis": "the craft of the thesis, 2.6 kg",
-        "lighter": "craft with half a pound less electronics: 2.37 kg, same radius of gyration",
+        "lighter": "craft of 2.37 kg, with half a pound less electronics and the same radius of gyration",
     },
 ]
 Fan = Annotated[
     Literal["reversible", "variable-pitch"],
     {
-        "reversible": "fan of the thesis: less than half the thrust in reverse, 150 ms of braking after reverse",
-        "variable-pitch": "variable-pitch fan: equal thrust forward and in reverse, no braking",
+        "reversible": "fan of the thesis, with less than half the thrust in reverse, and 150 ms of braking after it",
+        "variable-pitch": "variable-pitch fan, with equal thrust forward and in reverse, and no braking",
     },
 ]
 Supervision = Literal["none", "automatic"]
 Initial = Literal["rest", "moving"]
-"""Initial state of the heading scenarios. rest: [1] fig. 6.12, where the heading error is wrapped to the shortest turn.
+"""Initial state of the heading scenarios.
 
-moving: [1] fig. 6.11, where the heading error is not wrapped.
+rest: as in [1] fig. 6.12. The heading error is wrapped, so that the craft turns the shortest way. moving: as in [1]
+fig. 6.11. The heading error is not wrapped.
 """
 MARGIN = 5.0
-"""Distance (m) that a supervised hovercraft may move beyond its floor."""
+"""Distance (m) by which a supervised hovercraft may leave the floor area before the flight is ended."""
 PAIRING = "free2move/linksys 2.9/22.0"
-"""Pair of Bluetooth radios used in the thesis's flights."""
+"""Pair of Bluetooth radios that was used in the flights of the thesis."""
 POUND = 0.45359237
 LIGHTER = 1 - 0.5 * POUND / float(Hovercraft().mass)
-"""Mass of the lighter craft, and likewise its inertia, relative to the craft of the thesis.
+"""Mass of the lighter craft relative to that of the craft of the thesis. The inertia has the same ratio.
 
-[1] chapter 7 expects to save half a pound of electronics. The position of this mass is not given. We assume
-that the radius of gyration does not change.
+[1] chapter 7 expects that half a pound of electronics can be saved. The position of this mass is not stated in [1]. We
+assume that the radius of gyration does not change.
 """
 
 
 class Equipment(NamedTuple):
-    """Equipment that the user chooses for a scenario of the thesis.
+    """Equipment that the user chooses for a scenario of the hovercraft.
 
-    links: "chain", the constant delays of [1, fig. 6.1], 36 ms downlink and 40 ms uplink; "measured", random latencies
-    with the statistics of [1, table 5.1]; "none", no link in the loop, as with processing on board [1, chapter 7].
-    navigation: the navigation system, see `_navigation`.  supervisor: "automatic" flies as soon as all checks pass, and
-    limits the speeds. If the navigation estimates the position, it also limits the area, to the floor and 5 m around
-    the floor.
-    bus: with "slave", a slow bus on the vehicle carries the ultrasonic samples to the radio.
-    craft, fan: vehicle and thrust fan of the thesis, or those that its chapter 7 proposes.
+    links: radio links. "chain": constant delays of 36 ms (downlink) and 40 ms (uplink), as in [1, fig. 6.1].
+    "measured": random latencies with the statistics of [1, table 5.1]. "none": autopilot on board [1, chapter 7].
+    navigation: navigation system, see `_navigation`.
+    supervisor: with "automatic", a supervisor arms as soon as all checks pass, and limits the speeds. If the navigation
+    estimates the position, the supervisor also limits the area to the floor and 5 m around it.
+    bus: with "slave", a slow bus on board carries the ultrasonic samples to the radio.
+    craft, fan: vehicle and thrust fan of the thesis, or those proposed in [1, chapter 7].
     """
 
     links: Links
@@ -98,17 +99,18 @@ def hovercraft_scenario(
     errors: NavigationErrors | None = None,
     floor: Floor,
 ) -> Scenario[Hovercraft]:
-    """Return a scenario with a law and the thesis's vehicle, actuators, radio and navigation errors.
+    """Return a hovercraft scenario with a given law and the chosen equipment.
 
     Args:
-        name: name in the catalogue.
-        law: the law. Its vehicle model is set to the chosen craft.
-        x: initial state.
+        name: name of the scenario in the catalogue.
+        law: control law. Its vehicle model is set to the chosen craft.
+        x: initial state of the craft.
         duration_s: duration of the flight (s).
         targets: desired values of signals, for the metrics.
-        equipment: the chosen equipment.
-        errors: error model of navigation "errors". None: that of the thesis.
-        floor: south, north, west and east limit of the floor (m). Beacons, if the navigation uses any, are above it.
+        equipment: equipment that the user chose.
+        errors: error model of navigation "errors". None: the model of the thesis.
+        floor: south, north, west and east limit of the floor area (m). The beacons of a navigation system with
+            ultrasonic ranging are above this area.
     """
     downlink, uplink = _choose_links(equipment.links)
     sensors, estimator = choose_navigation(equipment.navigation, errors, floor, equipment.bus)
@@ -132,7 +134,7 @@ def hovercraft_scenario(
 
 
 def choose_craft(craft: Craft) -> Hovercraft:
-    """Return the chosen vehicle."""
+    """Return the model of the chosen hovercraft."""
     own = Hovercraft()
     return own if craft == "thesis" else replace(own, mass=own.mass * LIGHTER, inertia=own.inertia * LIGHTER)
 
@@ -142,7 +144,7 @@ def _is_craft(own: Any) -> bool:
 
 
 def _choose_links(links: Links) -> tuple[Any, Any]:
-    """Return downlink and uplink."""
+    """Return the downlink and the uplink of the chosen type."""
     if links == "measured":
         return bluetooth_link(PAIRING, "down"), bluetooth_link(PAIRING, "up")
     return (
@@ -151,7 +153,10 @@ def _choose_links(links: Links) -> tuple[Any, Any]:
 
 
 def _choose_fan(fan: Fan) -> tuple[FanDrive, ThrustVectorAllocation]:
-    """Return drive and allocation. With a variable-pitch propeller, a negative speed means a negative pitch."""
+    """Return the drive and the allocation of the chosen fan.
+
+    For the variable-pitch fan, a negative speed means a negative pitch.
+    """
     if fan == "reversible":
         return FanDrive(), ThrustVectorAllocation()
     even = replace(Thruster(), reverse_ratio=np.array([0.0, 0.0, 0.0, 1.0]))
@@ -160,7 +165,7 @@ def _choose_fan(fan: Fan) -> tuple[FanDrive, ThrustVectorAllocation]:
 
 
 def _flight_limits(navigation: Navigation, floor: Floor) -> tuple[Limit, ...]:
-    """Return the supervisor's limits, our own choice. They are far beyond these flights, and safe in a hall."""
+    """Return the supervisor's limits. They are our choice: never reached in a normal flight, and safe in a hall."""
     speeds = (
         Limit(fields=("surge_velocity", "sway_velocity"), high=4.0, kind="envelope"),
         Limit(fields=("yaw_rate",), low=-12.0, high=12.0, kind="envelope"),
@@ -173,8 +178,10 @@ def _flight_limits(navigation: Navigation, floor: Floor) -> tuple[Limit, ...]:
 
 
 def velocity_targets(surge: float = 0.0, yaw_rate: float = 0.0, yaw_band: float = 0.32) -> tuple[Target, ...]:
-    """Return targets of surge, sway and yaw rate (m/s, rad/s). The target of sway is 0; surge and sway have bands of
-    0.1 m/s."""
+    """Return the targets of surge velocity (m/s), sway velocity (0 m/s) and yaw rate (rad/s).
+
+    The tolerance bands of surge and sway velocity are 0.1 m/s.
+    """
     return (
         Target("truth.surge_velocity", surge, 0.1),
         Target("truth.sway_velocity", 0.0, 0.1),
@@ -183,12 +190,12 @@ def velocity_targets(surge: float = 0.0, yaw_rate: float = 0.0, yaw_band: float 
 
 
 def heading_scenario(name: str, law: Any, initial: Initial, equipment: Equipment) -> Scenario[Hovercraft]:
-    """Return a scenario that turns to a heading: from rest to 1 rad, or from a spinning slide to 5 rad.
+    """Return a scenario in which the craft turns to a heading: from rest to 1 rad, or from a spinning slide to 5 rad.
 
-    The turn from rest takes the shortest way. The turn from a slide is that of the thesis's fig. 6.11. The thesis does
-    not give its initial state, which is reconstructed (docs page, Errata). As in the thesis, the heading error of this
-    flight is not wrapped, and the navigation gives a heading in [0, 2 pi). So the vehicle turns up to 5 rad, although
-    the way down would be shorter. With all imperfections, it makes whole turns in this flight.
+    From rest, the craft turns the shortest way. The turn from a slide is that of fig. 6.11 of the thesis. Its initial
+    state is not stated in the thesis, and was reconstructed (docs page, Errata). As in the thesis, the heading error of
+    this flight is not wrapped, and the measured heading is in [0, 2 pi). Therefore the craft turns up to 5 rad,
+    although the opposite direction would be shorter. With all imperfections, the craft makes full turns in this flight.
     """
     if initial == "rest":
         x, target, errors = HovercraftState(), 1.0, None

@@ -24,7 +24,7 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario[Hovercraft]:
-    """Return the scenario of the thesis's fig. 6.8 and table 6.2."""
+    """Return the scenario of fig. 6.8 and table 6.2 in the thesis (Kulis 2006)."""
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     mass = float(choose_craft(craft).mass)
     law, initial = ForwardMomentum(k1=1.0, k2=4.0, reference=2.8 / 2.6 * mass), HovercraftState()

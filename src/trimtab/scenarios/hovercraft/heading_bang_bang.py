@@ -16,6 +16,6 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario[Hovercraft]:
-    """Return the scenario of the thesis's figs. 6.11 and 6.12: |Om| = 1.5 rad/s, tolerance 1 deg."""
+    """Return the scenario of figs. 6.11 and 6.12 in the thesis (Kulis 2006): turn rate 1.5 rad/s, tolerance 1 deg."""
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     return heading_scenario("hovercraft/heading-bang-bang", HeadingBangBang(turn_rate=1.5), initial, equipment)

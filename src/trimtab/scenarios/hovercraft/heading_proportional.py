@@ -16,9 +16,9 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario[Hovercraft]:
-    """Return the scenario of the thesis's figs. 6.11 and 6.12: k = 1.0 1/s, tolerance 1 deg.
+    """Return the scenario of figs. 6.11 and 6.12 in the thesis (Kulis 2006): gain 1.0 1/s, tolerance 1 deg.
 
-    `--set autopilot.law.form=literal` selects the law as published.
+    `--set autopilot.law.form=literal` selects the law exactly as published.
     """
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     return heading_scenario("hovercraft/heading-proportional", HeadingProportional(k=1.0), initial, equipment)

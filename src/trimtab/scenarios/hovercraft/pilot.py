@@ -24,7 +24,7 @@ StickSource = Annotated[
     Literal["script", "console"],
     {
         "script": "scripted demonstration: drive ahead, turn while moving, stop, spin",
-        "console": "stick of the pilot console; in a simulation nobody moves the stick, so the vehicle stays at rest",
+        "console": "stick of the pilot console; in a simulation the stick is not moved, so the vehicle stays at rest",
     },
 ]
 DEMONSTRATION = stick_script(
@@ -46,7 +46,10 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario:
-    """Return the scenario. Stick and law are our choice. Vehicle, radio and navigation are those of the thesis."""
+    """Return the scenario of a flight with a pilot.
+
+    Stick and law are our choice. Vehicle, radio and navigation are those of the thesis (Kulis 2006).
+    """
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     name, law, initial, floor = "hovercraft/pilot", Piloted(), HovercraftState(), (-10, 20, -10, 20)
     if stick == "console":

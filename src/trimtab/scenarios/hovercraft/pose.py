@@ -30,12 +30,12 @@ SLOW = Pose(
     h=0.1,
     s0=0.01,
 )
-"""Law with gains for a loop delay of 80 ms and a fan that gives a side force only with forward thrust."""
+"""Pose law with gains for a loop delay of 80 ms and a fan that produces a side force only with forward thrust."""
 PoseLaw = Annotated[
     Literal["swing", "steps"],
     {
-        "swing": "trimtab's own law: brake, aim, drive, then hold the pose by swinging the nose",
-        "steps": "the six steps of the thesis, repeated",
+        "swing": "law of trimtab: brake, aim, drive, then hold the pose by swinging the nose",
+        "steps": "law of the thesis, which repeats a sequence of six steps",
     },
 ]
 
@@ -49,7 +49,7 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario:
-    """Return the scenario of the thesis's section 2.3.1. Initial state and duration are our choice."""
+    """Return the scenario of section 2.3.1 in the thesis (Kulis 2006). Initial state and duration are our choice."""
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     chosen = SLOW if law == "swing" else PoseBySteps()
     initial = HovercraftState(north=-1.5, east=1.5, heading=60 * DEG)

@@ -24,7 +24,7 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario[Hovercraft]:
-    """Return the scenario of the thesis's fig. 6.9 and table 6.3."""
+    """Return the scenario of fig. 6.9 and table 6.3 in the thesis (Kulis 2006)."""
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     mass = float(choose_craft(craft).mass)
     law = ReverseMomentum(k1=1.5, k2=1.0, theta=1.44, reference=-1.98 / 2.6 * mass)

@@ -23,9 +23,9 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario[Hovercraft]:
-    """Return the scenario of the thesis's fig. 6.10 and table 6.4.
+    """Return the scenario of fig. 6.10 and table 6.4 in the thesis (Kulis 2006).
 
-    The initial state is so slow that the supervising law spins without braking first.
+    The craft starts so slowly that the law spins immediately, without braking first.
     """
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     law = SupervisedSpin()

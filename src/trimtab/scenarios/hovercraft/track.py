@@ -27,18 +27,18 @@ Progress = Annotated[
     Literal["time", "path"],
     {
         "time": "the reference point on the path moves with the clock",
-        "path": "the reference point waits for a craft that is behind, and moves faster if the craft is ahead",
+        "path": "the reference point waits if the craft is behind, and moves faster if the craft is ahead",
     },
 ]
 TrackingLaw = Annotated[
     Literal["lyapunov", "horizon"],
     {
-        "lyapunov": "turn the nose to the required thrust direction; proven stable without limits of fan and rudder",
-        "horizon": "predictive control: every 20 ms, an optimal plan for 2.6 s within the limits of fan and rudder",
+        "lyapunov": "turn the nose to the required thrust direction; proved stable without limits of fan and rudder",
+        "horizon": "predictive control; every 20 ms, the next 2.6 s are optimised within the limits of fan and rudder",
     },
 ]
 NEAR = 0.2
-"""Distance from the path (m) within which the craft counts as on the path."""
+"""Position error (m) up to which the craft counts as on the path."""
 PLACES = ((0, 0), (3, 0), (3, 3), (0, 4))
 """North and east (m) of the way-points."""
 
@@ -54,9 +54,9 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario:
-    """Return the scenario. Path and law are our choice.
+    """Return the path tracking scenario. Path and law are our choice.
 
-    The craft starts at rest at the beginning of the path, with its nose along the path.
+    The craft starts at rest at the beginning of the path, with the nose in the direction of the path.
     """
     path = (
         pass_waypoints(PLACES, 0.4)

@@ -1,4 +1,4 @@
-"""Bring a spinning, sliding hovercraft to rest. A good first flight to look at."""
+"""Bring a spinning, sliding hovercraft to rest. A good first scenario to try."""
 
 from trimtab.laws.velocity import ZeroVelocity
 from trimtab.loop.scenario import Scenario
@@ -23,7 +23,7 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario[Hovercraft]:
-    """Return the scenario of the thesis's fig. 6.7 and table 6.1."""
+    """Return the scenario of fig. 6.7 and table 6.1 in the thesis (Kulis 2006)."""
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     law = ZeroVelocity(k1=1.0, k2=2.5)
     initial = HovercraftState(surge_velocity=0.2, sway_velocity=-0.7, yaw_rate=6.4)

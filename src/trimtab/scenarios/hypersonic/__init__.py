@@ -1,4 +1,4 @@
-"""Scenarios of the air-breathing hypersonic vehicle, and the function that builds such a scenario. Example:
+"""Scenarios of the air-breathing hypersonic vehicle, and functions to build further scenarios of this vehicle. Example:
 
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.scenarios.hypersonic import hypersonic_scenario

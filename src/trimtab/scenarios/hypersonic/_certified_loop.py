@@ -1,8 +1,8 @@
-"""Stability proof of the hypersonic vehicle's whole loop: sampled, with uncertain plants, and within input limits.
+"""Stability proof of the hypersonic vehicle's complete loop: sampled, for uncertain plants, and within input limits.
 
-The simulated plant may differ from the vehicle model of law and filter: by its coefficients (UNCERTAINTY) or by its
-bending modes. Each of these two sets of plants is a box in parameters in which the loop's matrix is affine, see
-`_loop.continuous_loop`.
+The plant is the simulated vehicle. It may differ from the vehicle model of law and filter in its coefficients
+(UNCERTAINTY) or in its bending modes. Each of these two sets of plants is a box in the space of parameters in which
+the loop's matrix is affine, see `_loop.continuous_loop`.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, assumptions 1 and 2. The paper contains no such proof. The sizes of the boxes are
@@ -44,15 +44,13 @@ UNCERTAINTY = {
     "forces.aerodynamics.CD_0": 0.10,
     "forces.propulsion.b7": 0.05,
 }
-"""Relative error, in either direction, of each uncertain coefficient of the plant.
-
-The plant of the scenario hypersonic/mismatch is one corner of this box.
-"""
+"""Uncertain coefficient of the plant -> maximum relative error in either direction. The plant of the scenario
+hypersonic/mismatch is one corner of this box."""
 DAMPING_ERROR, MODAL_STEP, LEAST_DECAY = 0.1, 0.01, 0.01
-"""Limits of the proof.
+"""Parameters of the proof.
 
-DAMPING_ERROR: relative error of the plant's 2 zeta w, in either direction. MODAL_STEP: relative half width of one box
-of modal frequencies. LEAST_DECAY: decay rate that is proved for every plant (1/s).
+DAMPING_ERROR: maximum relative error of the damping 2 zeta w of the plant's modes, in either direction. MODAL_STEP:
+relative half width of one box of modal frequencies. LEAST_DECAY: decay rate that is proved for every plant (1/s).
 """
 FLOWN_FILTERS = {
     "tuned": FlexibleModeFilter(),
@@ -64,7 +62,16 @@ FLOWN_FILTERS = {
 
 
 def prove_loop(craft: Hypersonic, at: LevelTrim, filter: str, uncertainty: float, mode_error: float) -> LoopLines:
-    """Return the function that yields the conditions on the sampled loop, and on the plants of both boxes."""
+    """Return a function that yields the conditions of the proof: for the sampled loop, and for the plants of both
+    boxes.
+
+    Args:
+        craft: vehicle model of law and filter.
+        at: level flight at which the loop is linearised.
+        filter: name of a filter in FLOWN_FILTERS.
+        uncertainty: size of the coefficients' box, as a multiple of UNCERTAINTY.
+        mode_error: maximum relative error of the modal frequencies.
+    """
 
     @lru_cache(maxsize=4)
     def prove_one(K: bytes) -> ProofCondition:
@@ -103,16 +110,16 @@ def _level_condition(craft: Hypersonic, at: LevelTrim, c: Certificate, o: Observ
 
 
 def _coefficient_box(craft: Hypersonic, uncertainty: float) -> list[Hypersonic]:
-    """Return the plants at the corners of the box UNCERTAINTY, scaled by `uncertainty`."""
+    """Return the plants at the corners of the box of coefficients. uncertainty: factor on the box UNCERTAINTY."""
     corners = itertools.product((-1.0, 1.0), repeat=len(UNCERTAINTY))
     return [uncertain_plant(craft, tuple(uncertainty * part for part in corner)) for corner in corners]
 
 
 def _modal_boxes(craft: Hypersonic, error: float) -> Iterator[list[Hypersonic]]:
-    """Yield boxes of (w1^2, w2^2, 2 zeta1 w1, 2 zeta2 w2) that cover the modes' errors. Each box is a list of plants.
+    """Yield boxes of the modal parameters (w1^2, w2^2, 2 zeta1 w1, 2 zeta2 w2) that cover the errors of the modes.
 
-    The plants are at the corners of the box. The range of the frequencies is divided into several boxes; the range of
-    the damping is not divided.
+    Each box is a list of the plants at its corners. The range of the frequencies is divided into several boxes, but the
+    range of the damping is not divided. error: maximum relative error of the frequencies.
     """
     modes, count = craft.modes, max(1, math.ceil(error / MODAL_STEP))
     edges = np.linspace((1 - error) ** 2, (1 + error) ** 2, count + 1)
@@ -127,12 +134,15 @@ def _modal_boxes(craft: Hypersonic, error: float) -> Iterator[list[Hypersonic]]:
 
 
 def describe_uncertainty(uncertainty: float) -> str:
-    """Return a text that lists each uncertain coefficient with its relative error."""
+    """Return a text that lists each uncertain coefficient with its maximum relative error."""
     return ", ".join(f"{p.rpartition('.')[2]} {100 * part * uncertainty:g} %" for p, part in UNCERTAINTY.items())
 
 
 def uncertain_plant(craft: Hypersonic, parts: Any) -> Hypersonic:
-    """Return the vehicle with changed coefficients. parts: change of each, (5,), as a fraction of its UNCERTAINTY."""
+    """Return the vehicle with changed coefficients.
+
+    parts: changes (5,) of the coefficients in UNCERTAINTY, each as a fraction of the coefficient's maximum error.
+    """
     for (path, share), part in zip(UNCERTAINTY.items(), parts, strict=True):
         craft = with_leaf(craft, path, lambda old, _, factor=1 + share * part: old * factor)
     return craft

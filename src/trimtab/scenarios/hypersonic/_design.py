@@ -1,12 +1,12 @@
-"""Design of the hypersonic vehicle's gain and filter at its trim, and the certificate of their stability.
+"""Design of gain and filter of the hypersonic vehicle at its trim point, and certificate of the loop's stability.
 
-On a grid over the flight envelope, the module also checks that the inversion is well-posed, and bounds the inversion's
-error for an uncertain plant. The tracking error e is (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') minus the desired
-values. The input of the error model is v = (h'', V').
+On a grid over the flight envelope, the module also checks that the dynamic inversion is well-posed, and bounds the
+error of the inversion for an uncertain plant. The tracking error e is (h, h', V, alpha, Q, eta1, eta1', eta2, eta2')
+minus the desired values. The input of the error model is v = (h'', V').
 
-[1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, assumption 1 for the envelope. The paper does not print its weights, so the weights
-here are our choice.
+Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
+vehicle", Aerospace 2022, 9(4), 206, assumption 1 for the envelope. The paper does not print the weights of its design,
+so the weights are our choice.
 """
 
 import itertools
@@ -42,24 +42,27 @@ H, V = 85000.0, 7702.0808
 INTERNAL = ("alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
 MODES = INTERNAL[2:]
 SCALE = np.array(SIZES)
-"""Typical sizes of the tracking errors, used to scale the equations."""
+"""Typical sizes of the tracking errors (h, h', V, alpha, Q, eta1, eta1', eta2, eta2'), used to scale the equations."""
 ALLOWED = np.array([100.0, 20.0, 10.0, 0.05, 0.1, 1e3, 1e3, 1e3, 1e3])
-"""Size of each tracking error at which its cost is 1: Q_e = diag(1/ALLOWED^2)."""
+"""Value of each tracking error for which the error's cost is 1. The cost matrix is Q_e = diag(1/ALLOWED^2)."""
 ALLOWED_INPUT = np.array([10.0, 5.0])
-"""Size of each acceleration (ft/s^2) at which its cost is 1: R_e = diag(1/ALLOWED_INPUT^2)."""
+"""Value of each acceleration h'', V' (ft/s^2) for which its cost is 1. The matrix is R_e = diag(1/ALLOWED_INPUT^2)."""
 ALLOWED_INTEGRALS = np.array(INTEGRAL_SIZES)
-"""Sizes of the integrals of the errors of h (ft s) and V (ft) at which their cost is 1."""
+"""Values of the integrals of the errors of h (ft s) and V (ft) for which the cost of each integral is 1."""
 STRICT_FACTOR = 1.01
-"""Ratio of the regulator's weight Q to the certified Q_e. A ratio above 1 makes inequality (14) of [1] strict."""
+"""Ratio of the weight Q of the regulator's design to the weight Q_e in the certificate. A ratio above 1 makes
+inequality (14) of [1] strict."""
 FILTERS = {
     "tuned": (TUNED_Q, 5e-7),
     "equal": (EQUAL_Q, 5e-7),
     "accurate": ((1e-5, 1e-5, 1e-5, 1e-5), 5e-7),
     "printed": ((1e-5, 1e-5, 1e-5, 1e-5), 10.0),
 }
-"""Noise densities of the filter, by name: diagonal of Q_eta, and R_eta (rad^2/s^3).
+"""Name of the filter settings -> diagonal of the process noise density Q_eta, and measurement noise density R_eta
+(rad^2/s^3).
 
-tuned: as used in flight. equal: the same for both modes. accurate: for an exact model. printed: as in [1].
+tuned: settings used in flight. equal: equal process noise for both modes. accurate: settings for an exact model.
+printed: settings of [1].
 """
 NOMINAL = Hypersonic()
 GRID = tuple(
@@ -71,7 +74,8 @@ GRID = tuple(
         tuple(d * DEG for d in (-20.0, -10.0, 0.0, 10.0, 20.0, 25.8)),
     )
 )
-"""Grid points of the flight envelope: h (ft), V (ft/s), alpha, gamma, delta_e (rad)."""
+"""Grid points of the flight envelope: altitude h (ft), speed V (ft/s), angle of attack alpha, flight path angle gamma,
+elevator delta_e (rad)."""
 GRID_DESCRIPTION = (
     f"{len(GRID)} points of the envelope: 80-95 kft, 7-9 kft/s, alpha 0-4, gamma +-1, elevator -20 to 25.8 deg"
 )
@@ -92,13 +96,13 @@ def certified_system(
     uncertainty: float = 1.0,
     mode_error: float = 0.03,
 ) -> CertifiedSystem:
-    """Return the system to certify: error model of the default vehicle in level flight, weights, filter, parameters.
+    """Return the system to certify: error model in level flight, weights, filter and parameters of the default vehicle.
 
     Args:
         method: design method of the gain, "lqr" or "lmi".
-        integral: "true" adds integral action.
-        filter: name of a filter in FILTERS, or "none" if the modes are measured.
-        kmode: interpretation of k_i, as `FlexibleModes.kmode`.
+        integral: "true" adds integral action to the law.
+        filter: name of filter settings in FILTERS, or "none" if the modes are measured.
+        kmode: interpretation of the paper's coefficients k_i, see `FlexibleModes.kmode`.
         h_ft: altitude (ft), inside the envelope.
         V_ft_per_s: speed (ft/s), inside the envelope.
         uncertainty: uncertainty of the simulated plant, as a multiple of UNCERTAINTY.
@@ -110,15 +114,15 @@ def certified_system(
             raise InputError(
                 name,
                 f"must be within {low:g} to {high:g}, got {value:g}",
-                fix="give a value in the range for which the vehicle's curves were fitted",
+                fix="choose a value in the range for which the vehicle's curves were fitted",
             )
-    if not 0 <= uncertainty < 10:  # with 10, the drag of the plant could be zero
+    if not 0 <= uncertainty < 10:  # for 10, the drag of the plant could be zero
         raise InputError(
-            "uncertainty", f"must be at least 0 and below 10, got {uncertainty:g}", fix="give 0 for an exact model"
+            "uncertainty", f"must be at least 0 and below 10, got {uncertainty:g}", fix="choose 0 for an exact model"
         )
     if not 0 <= mode_error <= 0.2:
         raise InputError(
-            "mode_error", f"must be within 0 to 0.2, got {mode_error:g}", fix="give 0 for exact modal frequencies"
+            "mode_error", f"must be within 0 to 0.2, got {mode_error:g}", fix="choose 0 for exact modal frequencies"
         )
     craft = _assumed_craft(kmode)
     linear, level = error_model(craft, h_ft, V_ft_per_s)
@@ -168,20 +172,24 @@ def _check_settings(integral: str, filter: str, kmode: str) -> None:
 
 
 def certificate(**settings: str | float) -> Certificate:
-    """Return the certificate, with gain, filter and proofs, of a `certified_system` with these settings."""
+    """Return the certificate, with gain, filter and proofs, of a `certified_system` with the given settings."""
     return design_certificate(certified_system(**system_settings(certified_system, settings, "hypersonic")))
 
 
 @lru_cache(maxsize=8)
 def error_model(craft: Hypersonic = NOMINAL, h: float = H, V: float = V) -> tuple[LinearModel, Trim]:
-    """Return the error model e' = A e + B v and the trim at which it is linearised exactly: level flight at h and V."""
+    """Return the error model e' = A e + B v, and the trim point of its linearisation: level flight at h (ft), V
+    (ft/s)."""
     plant = design_model(craft, h, V)
     level = find_trim(plant, InputLimits(), "hypersonic trim")
     return linear_normal_form(plant, {"h": 2, "V": 1}, INTERNAL, level.x, level.u), level
 
 
 def weights(*, integral: bool = False) -> tuple[Any, Any, Any]:
-    """Return Q_e, R_e and typical sizes of the errors. With `integral`, include the integrals of the errors of h, V."""
+    """Return the weights Q_e and R_e, and the typical sizes of the tracking errors.
+
+    integral: True to include the integrals of the errors of h and V.
+    """
     allowed = np.append(ALLOWED, ALLOWED_INTEGRALS) if integral else ALLOWED
     scale = np.append(SCALE, ALLOWED_INTEGRALS) if integral else SCALE
     return np.diag(allowed**-2.0), np.diag(ALLOWED_INPUT**-2.0), scale
@@ -190,13 +198,13 @@ def weights(*, integral: bool = False) -> tuple[Any, Any, Any]:
 def feedback_gain(
     linear: LinearModel, *, method: str = "lqr", integral: bool = False, strict: float = 1.0
 ) -> Lqr | LmiGain:
-    """Return the gain K of v = +K e that is used in flight: (2, 9), or (2, 11) with integrals.
+    """Return the feedback gain K in v = +K e that is used in flight, (2, 9), or (2, 11) with integrals.
 
     Args:
-        linear: model from `error_model`.
+        linear: error model from `error_model`.
         method: design method, "lqr" or "lmi".
         integral: True to append the integrals of the errors of h and V.
-        strict: ratio of the regulator's weight Q to Q_e. Used only by "lqr".
+        strict: ratio of the weight Q of the regulator's design to Q_e, used only by method "lqr".
     """
     if method not in METHODS:
         raise InputError("method", f"unknown method {method!r}", choices=METHODS, fix=argument("method", "lqr"))
@@ -206,21 +214,21 @@ def feedback_gain(
 
 
 def error_matrices(linear: LinearModel, *, integral: bool = False) -> tuple[Any, Any]:
-    """Return A and B of the error model. With `integral`, append the integrals of the errors of h and V as states."""
+    """Return A and B of the error model. integral: True to append the integrals of the errors of h and V as states."""
     return augment_integrals(linear.A, linear.B, [0, 2]) if integral else (linear.A, linear.B)
 
 
 def envelope_numbers(craft: Hypersonic, K: Any, uncertainty: float) -> dict[str, LimitedNumber]:
-    """Return the bounds in assumptions 1 and 2 of [1] for plant and inversion, over the envelope.
+    """Return the bounds on plant and inversion in assumptions 1 and 2 of [1], over the flight envelope.
 
-    kappa_G bounds |(G_plant - G) G^-1|. rho0 and rho1 bound the error M_F = v_plant - v of the inversion at
-    v = y_d + K e: |M_F| <= rho0 + rho1 |e/scale|. [1] prints none of the three numbers. Each bound is largest at a
-    corner of the plant's uncertainty, because it is convex in v_plant, and v_plant is affine in each uncertain
-    coefficient and in 1/m.
+    kappa_G bounds |(G_plant - G) G^-1|, where G is the derivative of v by the inputs. rho0 and rho1 bound the error
+    M_F = v_plant - v of the inversion at v = y_d + K e: |M_F| <= rho0 + rho1 |e/scale|. The paper prints none of these
+    three numbers. Each bound is largest at a corner of the plant's uncertainty, because it is convex in v_plant, and
+    v_plant is affine in each uncertain coefficient and in 1/m.
 
     Args:
-        craft: the law's vehicle model.
-        K: gain (2, 9). Further columns, those of the integrals, are ignored.
+        craft: vehicle model of the law.
+        K: gain (2, 9). The additional columns of a gain with integrals are ignored.
         uncertainty: uncertainty of the plant, as a multiple of UNCERTAINTY.
     """
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=len(UNCERTAINTY)))) * uncertainty
@@ -245,12 +253,12 @@ def envelope_numbers(craft: Hypersonic, K: Any, uncertainty: float) -> dict[str,
 
 @partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
 def _sweep_envelope(craft: Hypersonic, sized: Any, corners: Any, grid: Any) -> Any:
-    """Return, at each point of a grid (p, 5), the numbers from which `envelope_numbers` computes its bounds.
+    """Return the quantities from which `envelope_numbers` computes its bounds, at each point of a grid (p, 5).
 
-    |(G_plant - G) G^-1|, |M_F| and |dM_F/dv K scale| are (p, c), for each corner of the uncertainty (c, 5). det dv/du
-    and the residual of the inversion are (p,).
+    |(G_plant - G) G^-1|, |M_F| and |dM_F/dv K scale| have shape (p, c), for c corners of the uncertainty. det dv/du
+    and the residual of the inversion have shape (p,).
 
-    sized: K scale (2, 9).
+    sized: gain K, with each column multiplied by the typical size of its error (2, 9).  corners: (c, 5).
     """
     wanted = jnp.array(list(itertools.product((-2.0, 2.0), repeat=2)))
 
@@ -290,7 +298,7 @@ def _determinant(G: Any) -> Any:
 
 
 def accelerations(craft: Hypersonic, x: HypersonicState, u: Any) -> Any:
-    """Return the accelerations v = (h'', V') (ft/s^2) that the input u = (Phi, delta_e) causes in state x."""
+    """Return the accelerations v = (h'', V') (ft/s^2) of the vehicle in state x with input u = (Phi, delta_e)."""
     along, normal = craft.path_accelerations(0.0, x, HypersonicInput(u[0], u[1]))
     gamma = x.theta - x.alpha
     return jnp.stack([along * jnp.sin(gamma) + normal * jnp.cos(gamma), along])

@@ -1,8 +1,8 @@
-"""Common parts of the hypersonic vehicle's scenarios: plant, measurements, filter of the modes, law.
+"""Parts that all scenarios of the hypersonic vehicle share: plant, measurements, filter of the bending modes, and law.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206. The paper does not print commands, filters, noise and limits. Their values here are
-our choice: docs page.
+vehicle", Aerospace 2022, 9(4), 206. The paper does not print commands, filters, noise and limits, so their values are
+our choice, explained on the docs page.
 """
 
 from typing import Any, Literal
@@ -37,28 +37,28 @@ from trimtab.vehicles.hypersonic import Hypersonic
 Filter = Literal["tuned", "equal", "accurate", "printed", "none", "adaptive"]
 """Settings of the filter that estimates the bending modes.
 
-equal: the same process noise for both modes. accurate: settings for an exact model. printed: settings of [1]. none:
-observer without measurements. adaptive: filter that also estimates the modal frequencies.
+tuned: settings for flight. equal: equal process noise for both modes. accurate: settings for an exact model. printed:
+settings of [1]. none: observer that uses no measurements. adaptive: filter that also estimates the modal frequencies.
 """
 Internal = Literal["noncausal", "preview", "quasi-static", "sylvester", "linear"]
-"""Source of the desired internal states along the command.
+"""Method by which the desired internal states (angle of attack, pitch rate, bending) are computed from the command.
 
 noncausal: table of the exact bounded solution. preview: computed in flight from the future command. quasi-static:
 equilibrium at each instant. sylvester: causal linear solution. linear: table of the linear bounded solution, as in [1].
 """
 Noise = Literal["off", "on"]
 Integral = Literal["on", "off"]
-"""Feedback of the integrals of the errors of h and V. [1] has no integral feedback."""
+"""Feedback of the integrals of the errors of altitude h and speed V. [1] has no integral feedback."""
 Robust = Literal["off", "published", "minus", "smooth", "sign"]
 """Adaptive robust terms of the law.
 
-off: none. published: damping u_h with the sign printed in [1]. minus: u_h with the opposite sign. smooth: switching
-term u_s with a smoothed sign function. sign: u_s with the exact sign function.
+off: no robust terms. published: damping term u_h with the sign printed in [1]. minus: damping term with the opposite
+sign. smooth: switching term u_s with a smoothed sign function. sign: switching term with the exact sign function.
 """
 Truth = Literal["paper", "plane"]
-"""World model: that of the paper, or "plane" with lags of engine and elevator, turbulence and accelerometer errors."""
+"""World model. paper: as in [1]. plane: with lags of engine and elevator, turbulence and accelerometer errors."""
 TICK = ms(5)
-"""Control period. It is not printed in [1]."""
+"""Control period. [1] does not state a control period."""
 
 
 def hypersonic_scenario(
@@ -76,21 +76,21 @@ def hypersonic_scenario(
     truth: Truth = "paper",
     K: Any = None,
 ) -> Scenario:
-    """Return a scenario that starts in the level trim of the model, with the plant's modes at rest.
+    """Return a scenario that starts in level trimmed flight of the vehicle model, with the plant's modes at rest.
 
     Args:
-        name: name in the catalogue.
+        name: name of the scenario in the catalogue.
         climb: command of altitude and speed.
         duration_s: duration of the flight (s).
-        plant: the simulated vehicle. Default: equal to the law's vehicle model.
-        assumed: the vehicle model used by law, gain, filter and the table of internal states.
-        filter: settings of the filter that estimates the modes.
-        internal: source of the desired internal states.
+        plant: simulated vehicle. Default: `assumed`.
+        assumed: vehicle model for law, gain, filter and the table of internal states.
+        filter: settings of the filter that estimates the bending modes.
+        internal: method by which the desired internal states are computed.
         noise: "on" adds noise to the angular accelerometer, with a standard deviation of 0.01 rad/s^2 per sample.
         integral: "on" feeds back the integrals of the errors of h and V.
         robust: adaptive robust terms of the law.
-        truth: world model.
-        K: gain (2, 9) that replaces the designed gain. With K, integrals are not fed back.
+        truth: world model, "paper" or "plane".
+        K: feedback gain (2, 9) to use instead of the designed gain. With K, the integrals are not fed back.
     """
     flown = plant or assumed
     start = level_trim(assumed, climb.h0, climb.V0)
@@ -155,9 +155,9 @@ def _make_internal(form: Internal, assumed: Hypersonic, climb: FilteredClimb, du
 
 
 def _gain_settings(integral: Integral, K: Any, assumed: Hypersonic) -> dict[str, Any]:
-    """Return the given gain, or else the regulator's gain for the vehicle model.
+    """Return the law's settings for the given gain K or, if K is None, for the gain designed for the vehicle model.
 
-    For the nominal vehicle without integrals, return nothing, because the law has this gain by default.
+    For the nominal vehicle without integrals, return no settings, because the law has this gain by default.
     """
     if K is not None:
         return {"K": K}

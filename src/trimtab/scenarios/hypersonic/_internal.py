@@ -1,11 +1,12 @@
-"""Level flight of the hypersonic vehicle, its linearised internal dynamics, and tables of a climb's internal states.
+"""Trim, internal dynamics and tables of internal states for the hypersonic vehicle.
 
-The tables are computed before a run. They contain the bounded solution of the exact or of the linearised dynamics.
+A table contains the internal states (angle of attack, pitch rate, bending) during a climb, and is computed before a
+run. It is the bounded solution of the exact or of the linearised internal dynamics.
 
-[1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, eq. 7: the internal dynamics. The linearisation computed here differs from the
-printed linearisation. The paper does not print the method for the tables. It is that of S. Devasia, D. Chen, B. Paden,
-IEEE Transactions on Automatic Control 41(7), 1996.
+Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
+vehicle", Aerospace 2022, 9(4), 206, eq. 7, for the internal dynamics. The linearisation that this module computes
+differs from the linearisation printed in the paper. The paper does not state how tables are computed. The method used
+here is that of S. Devasia, D. Chen, B. Paden, IEEE Transactions on Automatic Control 41(7), 1996.
 """
 
 import math
@@ -42,7 +43,7 @@ from trimtab.laws.stable_inversion import INTERNAL_SIZES
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
 SEARCH_ITERATIONS = 8
-"""Number of Newton steps in the search for the angle of attack before a run."""
+"""Number of Newton iterations that compute the angle of attack of quasi-static flight before a run."""
 FREE_VARIABLES = ("alpha", "theta", "eta1", "eta2", "Phi", "delta_e")
 ANGLES = {"alpha": (-0.1, 0.1), "theta": (-0.1, 0.1)}
 SCALES = np.array(INTERNAL_SIZES)
@@ -50,15 +51,19 @@ SCALES = np.array(INTERNAL_SIZES)
 BEYOND = 8.0
 """Time (s) by which the computed solution extends beyond the end of a table.
 
-In this time, the effect of an error in the final boundary value decays by the factor e^-26, backwards to the end of the
+The effect of an error in the final boundary value decays backwards in time, by a factor of e^-26 until the end of the
 table.
 """
 LEAST_BEYOND = 3.0
-"""Minimum time (s) by which the solution must extend beyond the end of a table. In it, errors decay by e^-10."""
+"""Minimum time (s) by which the solution must extend beyond the end of a table. An error in the final boundary value
+decays by a factor of e^-10 in this time."""
 
 
 class LevelTrim(NamedTuple):
-    """Level flight at h (ft) and V (ft/s): its internal states zeta (6,), and the input u that maintains it."""
+    """Trimmed level flight.
+
+    h: altitude (ft).  V: speed (ft/s).  zeta: internal states (alpha, Q, eta1, eta1', eta2, eta2').  u: constant input.
+    """
 
     h: float
     V: float
@@ -67,9 +72,9 @@ class LevelTrim(NamedTuple):
 
 
 class InternalLinear(NamedTuple):
-    """Internal dynamics linearised about a trim: zeta' = A21 (xi - xi0) + A22 (zeta - zeta0) + B2 v.
+    """Internal dynamics, linearised about level flight: zeta' = A21 (xi - xi0) + A22 (zeta - zeta0) + B2 v.
 
-    xi = (h, h', V), v = (h'', V').
+    zeta: internal states.  xi = (h, h', V).  v = (h'', V').  xi0, zeta0: values in level flight.
     """
 
     trim: LevelTrim
@@ -79,50 +84,58 @@ class InternalLinear(NamedTuple):
 
 
 def level_trim(craft: Hypersonic, h: float, V: float, limits: InputLimits | None = None) -> LevelTrim:
-    """Return the craft's level trim at h (ft) and V (ft/s). Raise InputError, with the reason, if no trim is found."""
+    """Return the vehicle's trimmed level flight at altitude h (ft) and speed V (ft/s).
+
+    Raise InputError, with the reason, if no trim is found.
+    """
     zeta, u, settled = quasi_static_states(craft, level_points(np.array([h]), np.array([V])))
     return _accept_trim(craft, h, V, zeta[:, 0], u[:, 0], settled[0], InputLimits() if limits is None else limits)
 
 
 def design_model(craft: Hypersonic, h: float, V: float) -> StateSpaceModel:
-    """Return the vehicle as a model with outputs h (ft) and V (ft/s), at a point near its trim."""
+    """Return a model of the vehicle near level flight, with altitude h (ft) and speed V (ft/s) as outputs."""
     x = HypersonicState(h, V, FIRST_ALPHA, FIRST_ALPHA, 0.0, 0.0, 0.0, 0.0, 0.0)
     return model_of_vehicle(craft, x, HypersonicInput(0.2, 0.1), outputs=("h", "V"))
 
 
 def find_trim(model: StateSpaceModel, limits: InputLimits, part: str) -> Trim:
-    """Return the level-flight trim of a `design_model` by a thorough search. part: name used in an InputError."""
+    """Return the level-flight trim of a `design_model`, found by a thorough search. part: name for error messages."""
     return trim(model, free=FREE_VARIABLES, bounds=_trim_bounds(limits)).require_trim(part)
 
 
 def _trim_bounds(limits: InputLimits) -> dict[str, tuple[float, float]]:
-    """Return the bounds for a trim: input limits, and the range of angles in which the vehicle's curves are valid."""
+    """Return the bounds for the trim search: input limits, and angles for which the vehicle's curves are valid
+    (rad)."""
     return {**ANGLES, "Phi": (limits.Phi_low, limits.Phi_high), "delta_e": (limits.delta_low, limits.delta_high)}
 
 
 def level_points(h: Any, V: Any) -> PathPoint:
-    """Return points of level flight at altitudes h (ft) and speeds V (ft/s)."""
+    """Return path points of level flight at altitudes h (ft) and speeds V (ft/s)."""
     still = np.zeros(np.shape(h))
     return PathPoint(h, still, still, still, V, still, still)
 
 
 def internal_linear(craft: Hypersonic, at: LevelTrim) -> InternalLinear:
-    """Return the internal dynamics linearised about a level trim."""
+    """Return the internal dynamics, linearised about trimmed level flight."""
     A21, A22, B2 = _differentiate_rates(craft, np.array([at.h, 0.0, at.V]), at.zeta, np.zeros(2))
     return InternalLinear(at, np.asarray(A21), np.asarray(A22), np.asarray(B2))
 
 
 def quasi_static_states(craft: Hypersonic, points: PathPoint) -> Any:
-    """Return the quasi-static zeta (6, n), Phi and delta_e (2, n), and a flag (n,), True where the search converged."""
+    """Return the quasi-static flight at n path points.
+
+    The result is the internal states zeta (6, n), the inputs Phi and delta_e (2, n), and a flag (n,), which is True
+    where the search converged.
+    """
     return jax.tree.map(np.asarray, _search_states(craft, points))
 
 
 def _accept_trim(
     craft: Hypersonic, h: float, V: float, zeta: Any, u: Any, settled: Any, limits: InputLimits
 ) -> LevelTrim:
-    """Return the result of the quick search if it converged within all limits, else that of a thorough search.
+    """Return the trim found by the quick search if it converged within all limits, else that of a thorough search.
 
-    Raise InputError, with the reason, if the thorough search fails too.
+    zeta, u, settled: result of the quick search. Raise InputError, with the reason, if the thorough search fails too.
     """
     bounds = _trim_bounds(limits)
     values = {"alpha": zeta[0], "Phi": u[0], "delta_e": u[1]}
@@ -150,11 +163,12 @@ def _search_states(craft: Any, p: Any) -> Any:
 
 
 class TableReport(NamedTuple):
-    """Accuracy of a table. The errors are relative to SCALES.
+    """Accuracy of a table of internal states. All errors are relative to the typical sizes in SCALES.
 
-    solution: whole solution, on the fine grid.  residual: largest difference between central differences and Psi (1/s).
-    left, right: difference between the solution and the level trim at the start and at the end. If the climb is not
-    over at the end, `right` is large.  interpolation: largest error between the nodes (6,).
+    solution: complete solution on the fine time grid.  residual: largest difference between the derivative of the
+    solution, by central differences, and the internal dynamics (1/s).  left, right: difference between the solution and
+    trimmed level flight, at the start and at the end. `right` is large if the climb is not finished at the end.
+    interpolation: largest interpolation error between the nodes of the table (6,).
     """
 
     solution: BoundedSolution
@@ -167,16 +181,17 @@ class TableReport(NamedTuple):
 def noncausal_table(
     craft: Hypersonic, climb: Any, seconds: float, dt: float = 0.005, keep: float = 0.1, beyond: float = BEYOND
 ) -> tuple[InternalTable, TableReport]:
-    """Return a table of the bounded solution of the exact internal dynamics along a climb, from time 0 to `seconds`.
+    """Return a table of the internal states along a climb, from time 0 to `seconds`, and the table's accuracy.
 
-    The boundary values are the trim at time 0 and the quasi-static solution at the end. If the climb is over, the
-    quasi-static solution equals the trim; otherwise it is more accurate than the trim.
+    The table contains the bounded solution of the exact internal dynamics. Its boundary values are the trim at time 0
+    and the quasi-static solution at the end. If the climb is finished at the end, the quasi-static solution equals the
+    trim. Otherwise it is more accurate than the trim.
 
     Args:
-        craft: the vehicle model.
-        climb: object with `at(t)` -> PathPoint, level at time 0.
+        craft: vehicle model.
+        climb: object with a method `at(t)` that returns a PathPoint. The path must be level at time 0.
         seconds: last time in the table (s).
-        dt: step of the solution's grid (s).
+        dt: time step of the solution (s).
         keep: time between the nodes of the table (s), a multiple of dt.
         beyond: time by which the solution extends beyond `seconds` (s).
     """
@@ -197,7 +212,10 @@ def noncausal_table(
 def linear_table(
     craft: Hypersonic, climb: Any, seconds: float, dt: float = 0.005, keep: float = 0.1, beyond: float = BEYOND
 ) -> tuple[InternalTable, TableReport]:
-    """Return the table for internal dynamics linearised about the initial trim, as in [1]. For small climbs only."""
+    """Return a table as `noncausal_table` does, but for internal dynamics linearised about the initial trim, as in [1].
+
+    The table is accurate for small climbs only.
+    """
     t, path = _time_grid(climb, seconds, dt, keep, beyond)
     linear = internal_linear(craft, level_trim(craft, float(path.h[0]), float(path.V[0])))
     xi = np.stack([path.h - linear.trim.h, path.h_rate, path.V - linear.trim.V], axis=1)
@@ -218,7 +236,7 @@ def linear_table(
 
 
 def sylvester_internal(craft: Hypersonic, climb: FilteredClimb) -> SylvesterInternal:
-    """Return the causal linear solution for the internal states, about the initial trim of a filtered step."""
+    """Return the causal linear solution for the internal states during a climb, linearised about the initial trim."""
     linear = internal_linear(craft, level_trim(craft, float(climb.h0), float(climb.V0)))
     S: Any = block_diag(exosystem_matrix(float(climb.wh), 4), exosystem_matrix(float(climb.wV), 3))
     G = np.zeros((len(linear.trim.zeta), len(S)))
@@ -229,7 +247,10 @@ def sylvester_internal(craft: Hypersonic, climb: FilteredClimb) -> SylvesterInte
 
 
 def preview_internal(craft: Hypersonic, at: LevelTrim, horizon: float = 4.0, intervals: int = 40) -> PreviewInternal:
-    """Return the internal states computed in flight from the future command, with the modes of a trim."""
+    """Return the part that computes the internal states in flight from the future command.
+
+    The part uses the modes of the internal dynamics at the trim `at`. horizon: time of the future command (s).
+    """
     A22 = internal_linear(craft, at).A22
     scaled = A22 * SCALES / SCALES[:, None]
     eigen: Any = np.linalg.eig(scaled)
@@ -272,14 +293,14 @@ def _interpolate(table: InternalTable, t: Any) -> Any:
 
 
 def _time_grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float) -> tuple[Any, PathPoint]:
-    """Return the time grid of the solution, and the points of the path at these times."""
+    """Return the time grid of the solution (s), and the points of the climb's path at these times."""
     every = round(keep / dt) if dt > 0 else 0
     if every < 1 or abs(every * dt - keep) > 1e-9 * keep or not seconds >= keep:
         problem = f"got a duration of {seconds:g} s, {keep:g} s between nodes, and a step of {dt:g} s"
-        raise InputError("internal table", problem, fix="give keep as a multiple of dt, and seconds of at least keep")
+        raise InputError("internal table", problem, fix="choose keep as a multiple of dt, and seconds of at least keep")
     if not beyond >= LEAST_BEYOND:
-        problem = f"the solution extends only {beyond:g} s beyond the table; the unstable mode needs more of the future"
-        raise InputError("internal table.beyond", problem, fix=f"give at least {LEAST_BEYOND:g} s")
+        problem = f"the solution extends only {beyond:g} s beyond the table, which is too short for the unstable mode"
+        raise InputError("internal table.beyond", problem, fix=f"choose at least {LEAST_BEYOND:g} s")
     nodes = math.ceil(seconds / keep - 1e-9) * every
     t = dt * np.arange(nodes + math.ceil(beyond / dt) + 1)
     path = jax.tree.map(np.asarray, _path_points(climb, t))
@@ -291,14 +312,14 @@ def _time_grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float
 
 
 def _boundaries_and_guess(craft: Hypersonic, t: Any, path: PathPoint) -> tuple[list[LevelTrim], Any]:
-    """Return the level trims at the start and at the end, and the quasi-static solution at all times (n, 6)."""
+    """Return the level trims at the start and at the end of a path, and the quasi-static states at all times (n, 6)."""
     ends = level_points(path.h[[0, -1]], path.V[[0, -1]])
     zeta, u, settled = quasi_static_states(craft, jax.tree.map(lambda *several: np.concatenate(several), path, ends))
     n, limits = len(t), InputLimits()
     points = [(i, float(ends.h[i - n]), float(ends.V[i - n])) for i in (n, n + 1)]
     trims = [_accept_trim(craft, h, V, zeta[:, i], u[:, i], settled[i], limits) for i, h, V in points]
     if not settled[:n].all():
-        problem = f"at {t[int(np.argmin(settled))]:g} s there is no angle of attack without pitching moment"
+        problem = f"at {t[int(np.argmin(settled))]:g} s, the search found no angle of attack without pitching moment"
         raise InputError("internal table.climb", problem, fix="make the climb slower or smaller")
     return trims, zeta[:, :n].T
 

@@ -1,10 +1,11 @@
-"""Matrix of the hypersonic vehicle's whole loop (plant, filter, law, inversion), in continuous time and sampled.
+"""Matrix of the hypersonic vehicle's complete loop (plant, filter, law, inversion), in continuous time and sampled.
 
-The matrix is computed by automatic differentiation of the flight code, at level flight of the law's vehicle model.
-The plant may differ from this model.
+The matrix is computed by automatic differentiation of the flight code, at level flight of the law's vehicle model. The
+plant, i.e. the simulated vehicle, may differ from this model.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, eqs. 6-13: the loop. The sampled loop computes in the same order as in flight.
+vehicle", Aerospace 2022, 9(4), 206, eqs. 6-13, for the loop. The sampled loop is computed in the same order as in
+flight.
 """
 
 from functools import partial
@@ -27,9 +28,10 @@ from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicS
 PLANT = ("h", "V", "alpha", "theta", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
 ESTIMATE = ("eta1 estimated", "eta1_rate estimated", "eta2 estimated", "eta2_rate estimated")
 SAMPLED = (*PLANT, *ESTIMATE, "h before", "h' before", "V before", "alpha before", "q before", "Phi", "delta_e")
-"""States of the sampled loop: plant, estimated modes, and the measured values and the input of the previous period."""
+"""Names of the sampled loop's states: states of the plant, estimated modes, and the measured values and the input of
+the previous period."""
 INTEGRALS = ("integral of h", "integral of V")
-"""States that are appended to the loop, continuous or sampled, if the gain has eleven columns."""
+"""Names of the states that are appended to the continuous or sampled loop if the gain has eleven columns."""
 INTEGRAL_SIZES = (1000.0, 100.0)
 X, ETA, CHI, U = slice(0, 9), slice(9, 13), slice(13, 18), slice(18, 20)
 PLANT_SIZES = (100.0, 20.0, 0.01, 0.01, 0.02, 0.2, 2.0, 0.2, 2.0)
@@ -37,15 +39,15 @@ SAMPLED_SIZES = np.array([*PLANT_SIZES, 0.2, 2.0, 0.2, 2.0, 100.0, 20.0, 20.0, 0
 
 
 def sampled_loop(plant: Hypersonic, kept: FlexibleModeFilter, K: Any, at: LevelTrim) -> tuple[Any, Any]:
-    """Return F (n, n) and N (n,) of the sampled loop z' = F z + N w over one period of the filter.
+    """Return F (n, n) and N (n,) of the sampled loop z[k+1] = F z[k] + N w[k], where k counts periods of the filter.
 
-    The filter uses its steady-state gain, and w is the noise of the accelerometer. n is 20, or 22 with integrals.
+    The filter uses its steady-state gain. w is the noise of the accelerometer. n is 20, or 22 with integrals.
 
     Args:
-        plant: the simulated vehicle.
-        kept: the filter; its vehicle model is also that of the law.
+        plant: simulated vehicle.
+        kept: filter. Its vehicle model is also that of the law.
         K: gain (2, 9), or (2, 11) with the integrals of the errors of h and V.
-        at: level flight of the vehicle model.
+        at: level flight of the vehicle model, about which the loop is linearised.
     """
     model = _model_of_filter(kept)
     P = solve_discrete_are(np.asarray(model.Ad).T, np.asarray(model.C)[:, None], np.asarray(model.Qd), [[kept.R]])
@@ -56,12 +58,15 @@ def sampled_loop(plant: Hypersonic, kept: FlexibleModeFilter, K: Any, at: LevelT
 
 @jax.jit
 def _model_of_filter(kept: FlexibleModeFilter) -> Any:
-    """Return the filter's model. It is compiled once for all settings, because a search evaluates hundreds of them."""
+    """Return the filter's model. The function is compiled only once, because a search calls it with many settings."""
     return kept.model()
 
 
 def rest_state(plant: Hypersonic, assumed: Hypersonic, at: LevelTrim) -> Any:
-    """Return the loop's state (20,) in level flight: plant at its static bending, filter at that of its model."""
+    """Return the loop's state (20,) in level flight.
+
+    The plant has its own static bending. The filter has estimated the static bending of the model `assumed`.
+    """
     x = plant.level_state(at.h, at.V, at.zeta[0], at.u.delta_e)
     e1, e2 = assumed.modes.static_displacements(at.zeta[0], at.u.delta_e)
     chi = [at.h, 0.0, at.V, at.zeta[0], 0.0]
@@ -70,13 +75,14 @@ def rest_state(plant: Hypersonic, assumed: Hypersonic, at: LevelTrim) -> Any:
 
 
 def step_period(plant: Any, kept: Any, K: Any, P: Any, at: Any, z: Any, w: Any) -> Any:
-    """Return the loop's state (20,), or (22,) with integrals, after one period. Compute in the same order as in flight.
+    """Return the loop's state after one period, (20,), or (22,) with integrals, computed in the same order as in
+    flight.
 
     Args:
-        plant: the simulated vehicle.
-        kept: the filter.
+        plant: simulated vehicle.
+        kept: filter.
         K: gain (2, 9), or (2, 11) with the integrals of the errors of h and V.
-        P: steady covariance of the filter before an update (4, 4).
+        P: steady-state covariance of the filter before an update (4, 4).
         at: desired level flight.
         z: state of the loop at the start of the period.
         w: noise of the accelerometer (rad/s^2).
@@ -97,15 +103,15 @@ def step_period(plant: Any, kept: Any, K: Any, P: Any, at: Any, z: Any, w: Any) 
 
 
 def continuous_loop(plant: Hypersonic, assumed: Hypersonic, K: Any, L: Any, at: LevelTrim) -> Any:
-    """Return A (13, 13), or (15, 15) with integrals: z' = A z of plant, estimate and integrals, in level flight.
+    """Return the matrix A of the continuous loop z' = A z in level flight, (13, 13), or (15, 15) with integrals.
 
-    For every plant, the loop is linearised at the level flight of the model. There, each entry of A is affine in
-    1/m, in each coefficient of lift, drag, moment and thrust, and in w^2 and 2 zeta w of each mode, if all other
-    parameters are constant.
+    z contains the states of plant, filter and integrals. The loop is linearised at the level flight of the model,
+    also if the plant differs from the model. Each element of A is affine in 1/m, in each coefficient of lift, drag,
+    moment and thrust, and in w^2 and 2 zeta w of each mode, if all other parameters are constant.
 
     Args:
-        plant: the simulated vehicle.
-        assumed: the vehicle model of filter and law.
+        plant: simulated vehicle.
+        assumed: vehicle model of filter and law.
         K: gain (2, 9), or (2, 11) with the integrals of the errors of h and V.
         L: gain of the filter (4, 1).
         at: level flight of the model.
@@ -115,15 +121,18 @@ def continuous_loop(plant: Hypersonic, assumed: Hypersonic, K: Any, L: Any, at: 
 
 
 def input_slope(assumed: Hypersonic, K: Any, at: LevelTrim) -> Any:
-    """Return the derivative of (Phi, delta_e) by the tracking errors and the estimation errors (2, 13 or 15).
+    """Return the derivative of the inputs (Phi, delta_e) by tracking errors and estimation errors, (2, 13) or (2, 15).
 
-    There is one tracking error per column of K, followed by the four estimation errors of the modes.
+    The columns are one tracking error per column of K, then the four estimation errors of the modes.
     """
     return np.asarray(_differentiate_input(assumed, np.asarray(K), at, np.zeros(np.shape(K)[1] + 4)))
 
 
 def input_at_errors(assumed: Any, K: Any, at: Any, z: Any) -> Any:
-    """Return (Phi, delta_e) that the law demands. z: tracking errors, then eta - eta estimated (4,)."""
+    """Return the inputs (Phi, delta_e) that the law demands.
+
+    z: tracking errors, then the estimation errors of the modes, i.e. true eta minus estimated eta (4,).
+    """
     chi = RigidFlight(at.h + z[0], z[1], at.V + z[2], at.zeta[0] + z[3], at.zeta[1] + z[4])
     u = _demand_input(assumed, K, chi, at.zeta[2:] + z[5:9] - z[-4:], at, z[9:-4])
     return jnp.stack([u.Phi, u.delta_e])
@@ -145,12 +154,15 @@ def _measured_flight(x: HypersonicState) -> RigidFlight:
 
 
 def _integral_rates(K: Any, chi: RigidFlight, at: Any) -> Any:
-    """Return the rates of the integrals of the errors of h and V, or an empty array if the gain has no such columns."""
+    """Return the rates of the integrals of the errors of h and V, or an empty array for a gain K without integrals."""
     return jnp.stack([chi.h - at.h, chi.V - at.V])[: K.shape[1] - 9]
 
 
 def _demand_input(assumed: Any, K: Any, chi: RigidFlight, eta: Any, at: Any, integrals: Any) -> HypersonicInput:
-    """Return the input that the law demands to stay in level flight."""
+    """Return the input that the law demands to hold level flight.
+
+    chi: measured flight state.  eta: estimated modes.  at: desired level flight.
+    """
     have = jnp.stack([chi.h, chi.h_rate, chi.V, chi.alpha, chi.q, *eta])
     want = jnp.stack([jnp.asarray(a) for a in (at.h, 0.0, at.V, *at.zeta)])
     v = K @ jnp.concatenate([have - want, integrals])

@@ -1,4 +1,4 @@
-"""Model of the hypersonic vehicle for `trimtab design hypersonic --stabilisability`: nine states, at its trim."""
+"""Model of the hypersonic vehicle at trim, with nine states, for `trimtab design hypersonic --stabilisability`."""
 
 from trimtab.design.model import StateSpaceModel
 from trimtab.laws.path_inversion import InputLimits
@@ -7,7 +7,8 @@ from trimtab.scenarios.hypersonic._internal import design_model, find_trim
 
 
 def model() -> StateSpaceModel:
-    """Return the model, at its trim. States: vertical flight and bending modes. Inputs: fuel ratio and elevator."""
+    """Return the model at its trim point. States: longitudinal flight and bending modes. Inputs: fuel ratio,
+    elevator."""
     plant = design_model(NOMINAL, H, V)
     level = find_trim(plant, InputLimits(), "hypersonic trim")
     return plant._replace(x0=level.x, u0=level.u)

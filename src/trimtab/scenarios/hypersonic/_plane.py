@@ -1,8 +1,8 @@
-"""World of the hypersonic vehicle with more disturbances than in the paper: servos, turbulence, accelerometer errors.
+"""World of the hypersonic vehicle with lags of engine and elevator, turbulence, and errors of the accelerometer.
 
-Source: form of the servos from Bolender, Doman, "Nonlinear longitudinal dynamical model of an air-breathing hypersonic
-vehicle", Journal of Spacecraft and Rockets 44(2), 2007; turbulence MIL-F-8785C; sizes: our choice (docs, What it
-needs).
+Source: Bolender, Doman, "Nonlinear longitudinal dynamical model of an air-breathing hypersonic vehicle", Journal of
+Spacecraft and Rockets 44(2), 2007, for the form of the lags; MIL-F-8785C for the turbulence. The sizes of the lags and
+errors are our choice (docs, What it needs).
 """
 
 from typing import Any
@@ -17,19 +17,17 @@ from trimtab.loop.world import World
 from trimtab.sensors.angular_accelerometer import AngularAccelerometerUnit
 
 ENGINE, ELEVATOR = 20.0, 100.0
-"""Natural frequencies of the engine and of the elevator servo (rad/s)."""
+"""Natural frequencies of the second-order lags of the engine and the elevator servo (rad/s)."""
 ELEVATOR_RATE = 100 * DEG
 """Maximum rate of the elevator (rad/s)."""
 SEVERE = 1e-5
-"""Probability of exceedance of the turbulence intensity. This probability gives 5.1 ft/s at 80 000 ft and above.
-
-The figure in the specification ends at 80 000 ft.
-"""
+"""Probability that the turbulence intensity is exceeded. It corresponds to an intensity of 5.1 ft/s at 80 000 ft and
+above. The figure in MIL-F-8785C ends at 80 000 ft."""
 SERVO_PERIOD = ms(1)
 
 
 def plane_truth(world: World, noise: float) -> World:
-    """Return the world with servos, severe turbulence, and an angular accelerometer with errors.
+    """Return the world with lags of engine and elevator, severe turbulence, and errors of the angular accelerometer.
 
     noise: standard deviation of the accelerometer's noise (rad/s^2).
     """

@@ -6,7 +6,7 @@ from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, hyp
 
 
 def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "on") -> Scenario:
-    """Return the scenario. The plant equals the model."""
+    """Return the scenario of the small climb. The simulated vehicle equals the vehicle model of law and filter."""
     climb = FilteredClimb(dh=1000.0, dV=200.0)
     name = "hypersonic/climb-small"
     return hypersonic_scenario(name, climb, 150.0, filter=filter, internal=internal, integral=integral)

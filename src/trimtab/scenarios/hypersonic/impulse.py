@@ -1,4 +1,4 @@
-"""Reject an impulse in cruise, of the pitching moment or of the force normal to the path."""
+"""Reject a short disturbance in cruise: an impulse of pitching moment, or of the force normal to the flight path."""
 
 from typing import Literal
 
@@ -15,9 +15,10 @@ LENGTH, START = 0.05, 20.0
 def scenario(
     kind: Kind = "moment", integral: Integral = "on", filter: Filter = "tuned", noise: Noise = "on"
 ) -> Scenario:
-    """Return the scenario: a pitch acceleration of 0.4 rad/s^2 for 50 ms, or a gust that adds 20 ft/s in 50 ms.
+    """Return the scenario with a pitch acceleration of 0.4 rad/s^2 for 50 ms, or a gust that adds 20 ft/s in 50 ms.
 
-    The paper lists such disturbances as future work. Their sizes are our choice.
+    The paper on the vehicle (Aerospace 2022, 9(4), 206) lists such disturbances as future work. Their sizes are our
+    choice.
     """
     craft = Hypersonic()
     if kind == "moment":

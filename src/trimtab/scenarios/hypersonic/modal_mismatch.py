@@ -1,4 +1,4 @@
-"""Fly a plant whose modal frequencies are 10 % off the model used by filter and law, with sensor noise."""
+"""Fly a vehicle whose modal frequencies differ by 10 % from the model of filter and law, with sensor noise."""
 
 from typing import Literal
 
@@ -18,9 +18,11 @@ def scenario(
     integral: Integral = "on",
     truth: Truth = "paper",
 ) -> Scenario:
-    """Return the scenario. Both modal frequencies of the plant are those of the model times `frequency`.
+    """Return the scenario.
 
-    With the filter settings printed in the paper, the vehicle is lost.
+    frequency: factor on both modal frequencies of the simulated vehicle, relative to the model.
+
+    With the filter settings printed in the paper (`filter=printed`), the vehicle is lost.
     """
     craft = Hypersonic()
     plant = replace(craft, modes=craft.modes.detune(float(frequency)))

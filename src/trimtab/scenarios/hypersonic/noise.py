@@ -8,7 +8,10 @@ from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, Tru
 def scenario(
     filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "on", truth: Truth = "paper"
 ) -> Scenario:
-    """Return the scenario. The plant equals the model. The paper does not print the noise; its size is our choice."""
+    """Return the scenario of the large climb with noise. The simulated vehicle equals the model.
+
+    The paper does not state the size of the noise, so the size is our choice.
+    """
     climb = FilteredClimb(dh=5000.0, dV=1000.0)
     name = "hypersonic/noise"
     return hypersonic_scenario(

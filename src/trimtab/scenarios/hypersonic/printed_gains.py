@@ -11,9 +11,10 @@ Sign = Literal["minus", "plus"]
 
 
 def scenario(sign: Sign = "minus", filter: Filter = "printed") -> Scenario:
-    """Return the scenario with the paper's gain K. minus: v = -K e. plus: v = +K e, as in eq. 13 of the paper.
+    """Return the scenario with the gain K of the paper (Aerospace 2022, 9(4), 206).
 
-    `trimtab reproduce` shows why neither loop is stable.
+    sign: "minus" for v = -K e, "plus" for v = +K e as in eq. 13 of the paper, where e is the tracking error and v the
+    commanded acceleration. `trimtab reproduce` shows why neither loop is stable.
     """
     gain = {"minus": -1.0, "plus": 1.0}[sign] * K_PRINTED
     climb = FilteredClimb(dh=1000.0, dV=200.0)

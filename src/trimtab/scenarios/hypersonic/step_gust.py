@@ -1,4 +1,4 @@
-"""Reject a constant disturbance that starts in cruise: moment, drag or lift."""
+"""Reject a constant disturbance of pitching moment, drag or lift that starts in cruise."""
 
 from typing import Literal
 
@@ -13,10 +13,10 @@ START = 20.0
 
 
 def scenario(kind: Kind = "lift", integral: Integral = "on", filter: Filter = "tuned", noise: Noise = "on") -> Scenario:
-    """Return the scenario: a loss of lift of 2 % of the weight, 88 lbf/ft of drag, or 500 or 5000 lbf of moment.
+    """Return the scenario with a loss of lift of 2 % of the weight, 88 lbf/ft of drag, or a moment of 500 or 5000 lbf.
 
-    The forces and moments are per foot of width. The paper lists such disturbances as future work. Their sizes are our
-    choice.
+    The forces and moments are per foot of the vehicle's width. The paper (Aerospace 2022, 9(4), 206) lists such
+    disturbances as future work. Their sizes are our choice.
     """
     craft = Hypersonic()
     felt = {

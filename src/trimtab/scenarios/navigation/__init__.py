@@ -1,1 +1,1 @@
-"""Scenarios of navigation alone: the thesis's rotating platform, flight on a figure eight, vehicle at rest."""
+"""Scenarios that test navigation without control: rotating platform, flight on a figure eight, vehicle at rest."""

@@ -1,7 +1,7 @@
-"""Common parts of the scenarios on the rotating platform: platform, inertial unit, aided inertial navigation.
+"""Parts that all scenarios on the rotating platform share: platform, inertial unit and aided inertial navigation.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section
-6.2.1. The latencies and the tilt are fitted to its figures (docs, Errata).
+6.2.1. The latencies and the tilt are fitted to the figures in [1] (docs, Errata).
 """
 
 import math
@@ -28,7 +28,7 @@ from trimtab.loop.world import World
 from trimtab.vehicles.rotating_platform import PlatformDrive, RotatingPlatform
 
 Covariance = Literal["consistent", "literal"]
-"""Use of the process noise in the filter: with consistent units, or literally as printed in [1]."""
+"""Use of the process noise in the filter. consistent: with consistent units. literal: as printed in [1]."""
 Form = Literal["feedforward", "feedback", "direct", "coupled"]
 FORMS: dict[str, Any] = {
     "feedforward": AidedInertialFeedforward,
@@ -38,16 +38,16 @@ FORMS: dict[str, Any] = {
 }
 ARM = 0.3048
 TILT = 0.49 * DEG
-"""Tilt of the spin axis (rad), fitted to two figures.
+"""Tilt of the platform's axis of rotation (rad), fitted to two figures in [1].
 
-The axis leans to magnetic north, so that a compass without tilt compensation has no error. For another direction, the
-compass would have a constant error.
+The axis is tilted towards magnetic north. In this direction the tilt causes no error of a compass without tilt
+compensation. In any other direction, it would cause a constant error.
 """
 LEAN = math.atan2(COLLEGE_PARK[1], COLLEGE_PARK[0])
 FIX_INTERVAL = seconds(1)
-"""Time between position fixes: our own choice. The thesis's simulation draws new navigation errors once a second."""
+"""Time between position fixes. It is our choice: the simulation of [1] draws new navigation errors once a second."""
 LEAK = (STANDARD * math.sin(TILT)) ** 2 * to_seconds(FIX_INTERVAL) / to_seconds(InertialNoise().tick)
-"""Variance of the force noise (m^2/s^4) that covers the unknown tilt between two fixes."""
+"""Variance of the specific force noise (m^2/s^4) that covers the effect of the unknown tilt between two fixes."""
 
 
 def rig_scenario(
@@ -66,16 +66,16 @@ def rig_scenario(
     """Return a scenario on the rotating platform.
 
     Args:
-        name: name in the catalogue.
+        name: name of the scenario in the catalogue.
         sensors: sensors of the world, by name.
-        law: rotation of the platform.
-        arm: distance from the axis to the body (m).
-        time_constant: time constant of the motor (s). Our estimate: between 0.05 and 0.1.
-        intake: samples that the navigation reads.
+        law: law of the platform's rotation.
+        arm: distance from the axis to the inertial unit (m).
+        time_constant: time constant of the motor (s). We estimate a value between 0.05 and 0.1.
+        intake: selection of the samples that the navigation filter uses.
         covariance: use of the process noise in the filter.
         form: class of the aided inertial navigation filter.
-        noise: noise values that replace printed values in a consistent filter. A literal filter ignores them.
-        estimator: function that makes the estimator from the navigation, or None.
+        noise: noise values to use instead of those printed in [1]. With covariance "literal", they are not used.
+        estimator: function that returns the estimator for a navigation filter. None: the filter is the estimator.
     """
     platform = RotatingPlatform(arm=arm, time_constant=time_constant, tilt=TILT, lean=LEAN)
     assumed: dict[str, Any] = dict(noise) if noise and covariance == "consistent" else {}

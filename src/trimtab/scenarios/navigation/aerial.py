@@ -28,8 +28,8 @@ from trimtab.vehicles.rotating_platform import PlatformDrive
 Aiding = Annotated[
     Literal["fixes", "ranges"],
     {
-        "fixes": "the receiver gives position and velocity, and nothing during the outage",
-        "ranges": "the receiver gives pseudoranges and their rates to eight satellites, and to two during the outage",
+        "fixes": "the receiver measures position and velocity, and nothing during the outage",
+        "ranges": "the receiver measures pseudoranges and range rates to eight satellites, and to two in the outage",
     },
 ]
 TICK = ms(1)
@@ -37,11 +37,14 @@ LAP = 2 * math.pi / 20
 """Angular rate on the path (rad/s): one lap in 20 s."""
 OUTAGE = Outages(start=seconds(9), length=seconds(4))
 CORRELATED = 0.3
-"""Standard deviation of the receiver's time-correlated error (m)."""
+"""Standard deviation of the GNSS receiver's time-correlated position error (m)."""
 
 
 def industrial_imu() -> Imu:
-    """Return a good micromachined inertial unit with 1 kHz. Its errors are assumed, and typical of data sheets."""
+    """Return a good micromachined inertial unit with a sampling rate of 1 kHz.
+
+    Its errors are our assumptions, typical of data sheets.
+    """
     return Imu(
         accelerometer=AccelerometerErrors(noise=2e-3, turn_on_bias=0.05, bias_walk=2e-4, range=160.0),
         gyro=GyroErrors(noise=2e-4, turn_on_bias=0.3 * DEG, bias_walk=1e-5, range=35.0),
@@ -50,10 +53,10 @@ def industrial_imu() -> Imu:
 
 
 def scenario(gnss: Aiding = "fixes") -> Scenario:
-    """Return the scenario. Its parameters are our choice.
+    """Return the scenario of the figure eight in the air. All parameters are our choice.
 
-    A lap takes 20 s. The inertial unit has 1 kHz. The receiver gives five fixes per second, each 120 ms old, and has an
-    outage of 4 s.
+    A lap takes 20 s. The inertial unit is sampled at 1 kHz. The receiver measures five fixes per second, which arrive
+    with a delay of 120 ms, and has an outage of 4 s.
     """
     path = ClosedPath(coordinated=LAP)
     first = jax.tree.map(lambda number: np.round(number, 12), path.at(0.0, LAP))  # the same bits on each machine
@@ -80,7 +83,7 @@ def scenario(gnss: Aiding = "fixes") -> Scenario:
 
 
 def rough_start(path: ClosedPath, first: Any) -> SpatialStart:
-    """Return the initial estimate. Most of its values are about one sigma from the true values."""
+    """Return the filter's initial estimate. Most values differ from the true state by about one standard deviation."""
     start = SpatialStart()
     angles = np.asarray(to_euler(path.rotation(first.angle)))
     off = np.array([0.6, -0.8, 1.0]) * [start.sigma_tilt, start.sigma_tilt, start.sigma_heading]

@@ -1,4 +1,4 @@
-"""Locate the end of a rotating arm by ultrasound. Fixes are late and without time stamp: errors grow with the speed."""
+"""Locate the end of a rotating arm by ultrasonic fixes, late and without time stamps. Errors grow with the speed."""
 
 import math
 from typing import Literal
@@ -18,14 +18,15 @@ from trimtab.sensors.position import PositionSensor
 Rate = Literal["-115", "-57", "-230"]
 StampTime = Literal["arrival", "measurement"]
 HEADING_LATENCY, POSITION_LATENCY = 0.087, 0.120
-"""Latency of heading and of position (s), fitted to three figures of the heading and two of position and velocity."""
+"""Latencies of the measured heading and of the measured position (s), fitted to five figures in the thesis."""
 FIX = 0.0044
-"""Standard deviation of each coordinate of a fix (m). Half of the fixes are within 0.52 cm, [1] fig. 5.8."""
+"""Standard deviation of each coordinate of a position fix (m). Half of the fixes have errors of less than 0.52 cm, as
+in fig. 5.8 of the thesis (Kulis 2006)."""
 BASE = 0.2032
-"""Distance (m) from ultrasonic unit A, at the end of the arm, to unit B. Our estimate: unit B is 4 inches from the
-axis."""
+"""Distance (m) from ultrasonic receiver A, at the end of the arm, to receiver B. We estimate that receiver B is 4
+inches from the axis."""
 TURN = math.sqrt(2) * FIX / BASE
-"""Standard deviation of the heading that is computed from the positions of the two ultrasonic units (rad)."""
+"""Standard deviation of the heading that is computed from the positions of the two ultrasonic receivers (rad)."""
 
 
 def scenario(
@@ -34,9 +35,9 @@ def scenario(
     covariance: Covariance = "consistent",
     form: Form = "feedforward",
 ) -> Scenario:
-    """Return the scenario of the thesis's section 6.2.1.
+    """Return the scenario with ultrasonic ranging of section 6.2.1 in the thesis (Kulis 2006).
 
-    `covariance=literal` selects the filter as published. `stamped=measurement` adds the missing time stamps.
+    `covariance=literal` selects the filter as published. `stamped=measurement` adds time stamps to the fixes.
     """
     fix = LateFix(latency=POSITION_LATENCY, interval=FIX_INTERVAL, stamped=stamped)
     turned = LateFix(latency=HEADING_LATENCY, interval=ms(100), stamped=stamped)

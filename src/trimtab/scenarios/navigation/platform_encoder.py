@@ -14,7 +14,7 @@ from trimtab.sensors.position import EncoderPosition
 
 
 def scenario(covariance: Covariance = "consistent", form: Form = "feedforward") -> Scenario:
-    """Return the scenario of the thesis's section 6.2.1, velocity and position filter.
+    """Return the scenario of the velocity and position filter of section 6.2.1 in the thesis (Kulis 2006).
 
     `covariance=literal` selects the filter as published.
     """

@@ -11,7 +11,7 @@ from trimtab.sensors.imu import Imu
 
 
 def scenario(covariance: Covariance = "consistent", form: Form = "feedforward") -> Scenario:
-    """Return the scenario of the thesis's section 6.2.1, heading filter.
+    """Return the scenario of the heading filter of section 6.2.1 in the thesis (Kulis 2006).
 
     `covariance=literal` selects the filter as published.
     """

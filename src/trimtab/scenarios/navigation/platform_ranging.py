@@ -1,4 +1,4 @@
-"""Locate the end of a rotating arm from ultrasonic ranges: in one filter with the IMU, or by fixes and then an INS."""
+"""Locate the end of a rotating arm from ultrasonic ranges: in one filter with the IMU, or as fixes for an INS."""
 
 from typing import Any, Literal
 
@@ -25,24 +25,23 @@ from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 Coupling = Literal["tight", "loose"]
 BeaconCount = Literal["4", "3", "2"]
 NOISE = InertialNoise(gyro=1.6e-4, gyro_walk=1e-6, forward=6.8e-3, starboard=6.8e-3, force_walk=3e-4)
-"""Noise of the inertial unit as the filter assumes it: white noise, and random walks that cover scale factor,
-misalignment and bandwidth."""
+"""Noise of the inertial unit that the filter assumes. The random walks are larger than in the data sheet, to cover
+errors of scale factor, misalignment and bandwidth."""
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
 ASSUMED_NOISE = replace(NOISE, position_constant=0.008, heading_constant=0.012)
-"""Noise that the loosely coupled filter assumes. It includes constant errors of fixes due to survey and temperature.
-
-The tightly coupled filter models these errors itself.
+"""Noise that the loosely coupled filter assumes. It includes constant errors of the position fixes, due to errors of
+beacon survey and air temperature. The tightly coupled filter estimates these errors instead.
 """
 
 
 def scenario(coupling: Coupling = "tight", beacons: BeaconCount = "4") -> Scenario:
-    """Return the scenario: the platform of the thesis's section 6.2.1 without tilt, with the ranging that its chapter 7
-    names as future work.
+    """Return the scenario of the rotating platform with ranges to ultrasonic beacons.
 
-    There are four beacons. From 5 s on, only `beacons` of them reply.
+    The platform is that of section 6.2.1 in the thesis (Kulis 2006), but without tilt. Its chapter 7 names ranging as
+    future work. All four beacons reply until 5 s, and after this time only as many as the argument `beacons` says.
     """
     silent = np.arange(4) >= int(beacons)
-    air = Medium(actual=replace(Air(), temperature=293.65))  # half a degree warmer than assumed
+    air = Medium(actual=replace(Air(), temperature=293.65))  # half a degree warmer than the filter assumes
     hung = Beacons(survey_error=0.005, dead=silent, fault_time=seconds(5))
     sensors = {
         "imu": Imu.microstrain_3dm_gx1(),

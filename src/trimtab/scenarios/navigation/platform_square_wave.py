@@ -1,4 +1,4 @@
-"""Turn a platform to and fro faster than its gyro can follow, with or without compensation of the gyro's dynamics."""
+"""Turn a platform back and forth faster than a gyro can follow, with or without compensation of the gyro's dynamics."""
 
 from typing import Literal
 
@@ -20,9 +20,10 @@ Compensation = Literal["yes", "no"]
 def scenario(
     compensated: Compensation = "yes", covariance: Covariance = "consistent", form: Form = "feedforward"
 ) -> Scenario:
-    """Return the scenario of the thesis's table 6.6.
+    """Return the scenario of table 6.6 in the thesis (Kulis 2006).
 
-    The thesis does not print amplitude and period of the square wave. They are reconstructed (docs page, Errata).
+    The thesis does not state the amplitude and the period of the square wave. They were reconstructed (docs page,
+    Errata).
     """
     imu = Imu.microstrain_3dm_gx1()
     imu = replace(imu, gyro=replace(imu.gyro, bandwidth=0.0, response=DelayedGyro()))

@@ -1,7 +1,7 @@
-"""Keep a hovercraft at rest, to record a log from which the noise of its inertial unit is calibrated.
+"""Keep a hovercraft at rest, to record a log for the calibration of the noise of an inertial unit.
 
-All parts except the inertial unit have a period of 5 ms, shorter than its sampling period. The log has a row for each
-millisecond in which a part runs. So it contains every sample of the inertial unit, and few other rows.
+All parts except the inertial unit have a period of 5 ms, so that the log contains every sample of the inertial unit and
+only few other rows.
 """
 
 from trimtab.actuators.allocation import DirectActuation, DirectAllocation
@@ -20,7 +20,10 @@ TICK = ms(5)
 
 
 def scenario() -> Scenario:
-    """Return the scenario. Five minutes give the white noise to 1 %, and the random walk of the biases roughly."""
+    """Return the scenario of a hovercraft at rest, with a duration of five minutes.
+
+    From this time, the white noise can be calibrated to 1 %, and the random walk of the biases roughly.
+    """
     world = World(
         vehicle=Hovercraft(),
         sensors={"imu": Imu.microstrain_3dm_gx1(), "navigation": PlanarNavigation(period=TICK)},

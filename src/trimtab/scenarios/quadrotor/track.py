@@ -30,14 +30,13 @@ Trajectory = Annotated[
         "circle": "circle of radius 1.5 m, one lap in 5 s",
         "eight": "figure eight of 5 m by 1.5 m, one lap in 8 s",
         "helix": "helix of Lee et al. (2010) at half the speed, with the nose to the north",
-        "place": "hover at a position, from a start half a metre away",
-        "recovery": "hover at a position, from a start upside down",
+        "place": "hover at a position, after a start half a metre away",
+        "recovery": "hover at a position, after a start upside down",
     },
 ]
 MotorFault = Annotated[
     Literal["works", "1-fails", "2-fails", "3-fails", "4-fails"],
-    {"works": "all four rotors work"}
-    | {f"{k}-fails": f"rotor {k} fails at 2 s and stays stopped" for k in range(1, 5)},
+    {"works": "all four rotors work"} | {f"{k}-fails": f"rotor {k} stops at 2 s" for k in range(1, 5)},
 ]
 LawChoice = Annotated[
     Literal["geometric", "neural"],
@@ -45,11 +44,12 @@ LawChoice = Annotated[
 ]
 PERIOD = ms(5)
 RATIO = 0.3
-"""Thrust of the rotor opposite a lost rotor, as a fraction of the thrust of each of the other two rotors."""
+"""Thrust of the rotor opposite a failed rotor, as a fraction of the thrust of each of the other two rotors."""
 LONGEST = 25.0
-"""Maximum feedback force of the law (N). It is limited because the rotors have a minimum thrust."""
+"""Maximum feedback force of the law (N). The force is limited, because the rotors cannot produce less than their
+minimum thrust."""
 HEIGHT = 3.0
-"""Height of the paths (m)."""
+"""Height of the reference paths above the ground (m)."""
 CRAFT = replace(
     Multirotor(),
     rotors=replace(Rotors(), torque_ratio=0.026, inertia=6e-5),
@@ -62,14 +62,14 @@ inch propellers. Lag, drag and the rotors' inertia are our assumptions."""
 
 
 def scenario(trajectory: Trajectory = "circle", motor: MotorFault = "works", law: LawChoice = "geometric") -> Scenario:
-    """Return the scenario. Mass, inertia, arms and gains are those of Lee et al. (2010).
+    """Return the quadrotor scenario. Mass, inertia, arm lengths and gains are those of Lee et al. (2010).
 
     Sensors, radio, lag, drag and limits are our assumptions.
     """
     if law == "neural" and motor != "works":
         raise InputError(
             "law",
-            "the network is not trained for a lost rotor",
+            "the neural network was not trained for flight with a failed rotor",
             fix=f"{argument('settings', 'geometric', 'law')} {argument('settings', motor, 'motor')}",
         )
     reference = make_reference(trajectory)
@@ -99,7 +99,7 @@ def scenario(trajectory: Trajectory = "circle", motor: MotorFault = "works", law
 
 
 def make_reference(trajectory: str) -> Any:
-    """Return the reference of a named trajectory."""
+    """Return the reference path of a trajectory with the given name."""
     if trajectory == "circle":
         return LevelPath(Circle(period=5.0, ease=3.0), height=HEIGHT)
     if trajectory == "eight":
@@ -109,7 +109,11 @@ def make_reference(trajectory: str) -> Any:
 
 
 def first_state(trajectory: str, reference: Any) -> MultirotorState:
-    """Return the state at rest at the start of the reference, except for the two trajectories that start elsewhere."""
+    """Return the initial state for a trajectory.
+
+    For "place" the start is half a metre from the reference, and for "recovery" upside down. All other trajectories
+    start in hover at the start of the reference path.
+    """
     place = np.asarray(reference.at(0.0).place)
     hover = CRAFT.hover(place)
     if trajectory == "place":

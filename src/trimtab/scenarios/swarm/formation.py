@@ -1,4 +1,4 @@
-"""Fly hovercraft in formation. Each craft knows its own state, and receives the others' messages over a lossy radio."""
+"""Fly hovercraft in formation. Each craft measures its own state, and receives messages of the others by radio."""
 
 import math
 from typing import Annotated, Any, Literal
@@ -28,8 +28,8 @@ Route = Annotated[
 Start = Annotated[
     Literal["rows", "swapped"],
     {
-        "rows": "craft start in rows, 2.4 m apart, each near its place in the formation",
-        "swapped": "each craft starts opposite its place in the formation, so that all paths cross",
+        "rows": "craft start in rows, 2.4 m apart, each near its position in the formation",
+        "swapped": "each craft starts opposite its position in the formation, so that all paths cross",
     },
 ]
 SPACING = 3.0
@@ -40,7 +40,7 @@ TICK, PERIOD = ms(5), ms(20)
 
 
 def scenario(craft: Craft = "5", route: Route = "circle", start: Start = "rows") -> Scenario:
-    """Return the scenario. Its parameters are our choice.
+    """Return the formation scenario. All parameters are our choice.
 
     The radio has slots of 5 ms, a latency of 20 ms, and loses a tenth of all messages.
     """
@@ -81,11 +81,12 @@ def scenario(craft: Craft = "5", route: Route = "circle", start: Start = "rows")
 
 
 def craft_step(t: Any, state: Any, own: Any, heard: Any, number: Any, north: Any, east: Any) -> tuple[Any, Any, Any]:
-    """Run the law and the allocation of one craft at integer time t. Export it by name to flash it to each craft.
+    """Run the law and the allocation of one craft at integer time t. This function can be exported to the craft's
+    firmware.
 
     Args:     state: state of the law.    own: estimated PlanarPoseState.    heard: newest message of each of n craft.
-              number: number of the craft.    north, east: its position in the formation, relative to craft 0 (m).
-    Returns:  the state, a DriveCommand, and the PeerMessage to broadcast.
+              number: number of the craft.    north, east: position of the craft relative to craft 0 (m).
+    Returns:  new state of the law, DriveCommand, and PeerMessage to broadcast.
     """
     law = Formation(number=number, north=north, east=east, radius=RADIUS)
     estimate = Estimate(t=t, age=0.0, fresh=True, valid=True, state=PeerView(own, Peers(heard)))

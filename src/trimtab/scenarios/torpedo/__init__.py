@@ -1,1 +1,1 @@
-"""Scenarios of an underwater vehicle with fins and a propeller: control of depth and heading."""
+"""Scenarios of depth and heading control of an underwater vehicle with fins and a propeller."""

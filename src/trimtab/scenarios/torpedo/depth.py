@@ -24,7 +24,7 @@ from trimtab.vehicles.torpedo import CRUISE, Torpedo, TorpedoControls, TorpedoSt
 Links = Annotated[
     Literal["aboard", "acoustic"],
     {
-        "aboard": "the autopilot is aboard; the bus delays samples and commands by 50 ms each",
+        "aboard": "the autopilot is on board; a bus delays samples by 50 ms and commands by 50 ms",
         "acoustic": "the autopilot is on a buoy about 60 m away; latency about 90 ms each way, 5 % of packets lost",
     },
 ]
@@ -37,12 +37,13 @@ LEVEL = TorpedoState(
     stern=-0.119350,
     shaft_speed=CRUISE * 1750 / 1500,
 )
-"""Trim at constant depth and 1750 rpm. The propeller's torque rolls the vehicle by 7 degrees. Buoyancy and
-fins pitch it 1.9 degrees nose down."""
+"""Trim state at constant depth and 1750 rpm. The propeller's torque rolls the vehicle by 7 degrees. Buoyancy and fins
+pitch the vehicle 1.9 degrees nose down."""
 
 
 def scenario(links: Links = "aboard") -> Scenario:
-    """Return the scenario. The vehicle is that of Prestero, 2001. Gains, links, noise and current are our choice."""
+    """Return the dive scenario. The vehicle is that of Prestero (2001). Gains, links, noise and current are our
+    choice."""
     torpedo = Torpedo(current=Current(north=-0.2, east=0.2))
     drift = np.asarray(torpedo.current.in_body(quaternion.to_matrix(LEVEL.attitude).T))
     world = World(

@@ -1,1 +1,1 @@
-"""Scenarios of a surface vessel with rudders and propellers: path following."""
+"""Scenarios of path following with a surface vessel with rudders and propellers."""

@@ -34,7 +34,7 @@ Links = Annotated[
     Literal["radio", "none"],
     {
         "radio": "latency of about 80 ms each way with 20 ms of jitter, 2 % of packets lost",
-        "none": "no link: the autopilot is aboard",
+        "none": "no radio link, because the autopilot is on board",
     },
 ]
 Weather = Annotated[
@@ -52,7 +52,7 @@ SPEED = 0.58
 
 
 def scenario(reference: Path = "waypoints", links: Links = "radio", weather: Weather = "current") -> Scenario:
-    """Return the scenario. The vessel is that of Skjetne, Smogeli and Fossen, 2004.
+    """Return the path following scenario. The vessel is that of Skjetne, Smogeli and Fossen (2004).
 
     Path, radio, weather and gains are our choice. The vessel starts 1.5 m to starboard of the path, at 0.5 m/s.
     """
@@ -97,7 +97,10 @@ def scenario(reference: Path = "waypoints", links: Links = "radio", weather: Wea
 
 
 def straight_legs(places: tuple[tuple[float, float], ...], speed: float) -> PiecewisePath:
-    """Return a path of straight legs between way-points (m), at constant speed (m/s). The corners are not rounded."""
+    """Return a path of straight legs between way-points, at constant speed (m/s). The corners are not rounded.
+
+    places: north and east (m) of each way-point.
+    """
     x = np.asarray(places)
     legs = np.diff(x, axis=0)
     times = np.append(0.0, np.cumsum(np.sqrt((legs**2).sum(axis=1)))) / speed
