@@ -4,7 +4,6 @@ import jax
 import numpy as np
 import pytest
 
-from trimtab.core.record import replace
 from trimtab.core.rng import key
 from trimtab.core.signals import Motion, PeerMessage, SwarmMotion
 from trimtab.core.time import NEVER, ms
