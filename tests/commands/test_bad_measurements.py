@@ -66,7 +66,7 @@ EVERY = {
         lambda x: [line.replace(",", ";").replace(".", ",") for line in x],
         "line 1 uses semicolons|line 1: the header is",
     ),
-    "decimal commas": (lambda x: [x[0], *(line.replace(".", ",") for line in x[1:])], r"line \d+ has|line \d+: fields"),
+    "decimal commas": (lambda x: [x[0], *(line.replace(".", ",") for line in x[1:])], r"the line .* has 4 fields|line \d+ has|line \d+: fields"),
     "a word": (lambda x: put(x, 8, 1, "n/a"), "line 8.*'n/a'"),
     "not finite": (lambda x: put(x, 8, 1, "nan"), "line 8.*finite"),
     "a line twice": (
@@ -123,7 +123,7 @@ OWN = {
     "saturated gauge in reverse": (
         "reverse",
         lambda x: alter(x, 2, lambda force: min(force, 0.4)),
-        "column 'reverse' reads 0.4 each time",
+        "column 'reverse' is 0.4 in each line",
     ),
     "milliseconds": (
         "link",

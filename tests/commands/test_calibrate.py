@@ -258,4 +258,4 @@ def test_rejects_csv_columns_without_axis_or_with_duplicate_axis(tmp_path):
     file.write_text(f"t,left_z [rad/s],right_z [rad/s]\n{rows}\n")
     done = call("calibrate", "noise", file)
     assert done.exit_code == 2
-    assert "csv.left_z and csv.right_z are both the gyro's z axis" in done.output
+    assert "csv.left_z and csv.right_z both claim to be the gyro's z axis" in done.output

@@ -113,7 +113,7 @@ def test_rerun_command_omits_out_folder(typed_out):
 @pytest.mark.parametrize(
     ("words", "problem"),
     [
-        (["--spread", "world.vehicle.inertia"], "not PATH=DISTRIBUTION"),
+        (["--spread", "world.vehicle.inertia"], "not of the form PATH=DISTRIBUTION"),
         (["--spread", "world.vehicle.mass=normal(1, 2)"], "named twice"),
         (["--correlate", "world.vehicle.mass=0.3"], "not PATH,PATH=NUMBER"),
         (["--require", "success > 0.99"], "unknown comparison"),

@@ -54,7 +54,7 @@ def test_missing_key_is_rejected_with_vehicle_command(keys):
     with pytest.raises(InputError, match="key not found") as refused:
         find_key("hovercraft/forward", None, False, "udp://:14550", create=False)
     assert refused.value.fix.startswith("trimtab vehicle hovercraft/forward --listen udp://:14550  ")
-    assert "copy the file" in refused.value.fix
+    assert "copy the key file" in refused.value.fix
     assert not keys.exists()
 
 

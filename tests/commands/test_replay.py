@@ -97,7 +97,7 @@ def test_replacement_parts_are_the_choices_of_the_scenario(file):
         ("estimator=gps", r"not a choice(.|\n)*ins-coupled"),
         ("estimator=nowhere:make", "nowhere"),
         ("estimator=here/mine.py:make", r"name the module, from the folder that contains it: mine:make"),
-        (f"estimator={__name__}:number", "returns int, which is not a record"),
+        (f"estimator={__name__}:number", "returns an object of type int, which is not a record"),
         ("law.spinning.k3=5", "no such setting"),
         ("estimator=ins", r"reads sensor 'imu', but the recorded flight has only(.|\n)*--navigation ins"),
     ],
@@ -125,7 +125,7 @@ def foreign(tmp_path):
 def test_estimator_replay_works_without_scenario(foreign, tmp_path):
     done = call(foreign, "--estimator", "commands.test_replay:looking", "--out", tmp_path / "out.mcap")
     assert done.exit_code == 0, done.output
-    assert "50 steps, 50 valid" in done.stdout
+    assert "50 steps, 50 with a valid estimate" in done.stdout
     assert "weight: rms error 0.5" in done.stdout
     np.testing.assert_array_equal(read_mcap(tmp_path / "out.mcap")["estimate.valid"], True)
     found = json.loads(call(foreign, "--estimator", "commands.test_replay:looking", "--json").stdout)

@@ -50,7 +50,7 @@ def test_flight_is_assessed_from_estimates_since_arming(tmp_path):
     found = flight_summary.assess_estimate(file, seconds(15), [target])
     assert found == {"on_target": True, "says": "on target after 5 s"}
     missed = flight_summary.assess_estimate(file, seconds(15), [Target("truth.surge_velocity", 0.0, 0.1)])
-    assert missed["says"] == "not at rest: surge_velocity ends at 1.02, wanted 0 within 0.1"
+    assert missed["says"] == "not at rest: surge_velocity ended at 1.02, target 0 ± 0.1"
 
 
 def test_flight_without_assessment_reports_reason(tmp_path):

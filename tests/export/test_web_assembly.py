@@ -180,7 +180,7 @@ def test_missing_web_tools_are_named(monkeypatch, tmp_path):
     ("slider", "signals", "said"),
     [
         (Slider("k9", "", 0.0, 1.0, ("autopilot.law.k9",)), (), "autopilot.law.k1"),
-        (Slider("k1", "", 0.0, 0.5, ("autopilot.law.k1",)), (), "include the start 1"),
+        (Slider("k1", "", 0.0, 0.5, ("autopilot.law.k1",)), (), "include the start value 1"),
         (K1, ("truth.yaw",), "truth.yaw_rate"),
     ],
 )

@@ -142,7 +142,9 @@ def test_mismatched_parts_raise_an_error_naming_both():
     first = frame(0, 0.0, valid=False)
     with pytest.raises(InputError, match=r"reads sensor 'ruler', but the world sends only \(tape\)"):
         cart_autopilot().init(key(0), Frame(first.t, {"tape": first.samples["ruler"]}))
-    with pytest.raises(InputError, match=r"Reader reads 'xs', which Passthrough does not give(.|\n)*read 'x' instead"):
+    with pytest.raises(
+        InputError, match=r"reads 'xs', which the estimate of Passthrough does not(.|\n)*read 'x' instead"
+    ):
         cart_autopilot(law=Reader()).init(key(0), first)
     with pytest.raises(InputError, match="the output of Mute has no field 'demand'"):
         cart_autopilot(law=Mute()).init(key(0), first)

@@ -139,11 +139,11 @@ class Rounded:
 
 def test_rejects_methods_with_wrong_arguments():
     with pytest.raises(
-        InputError, match=r"test_own_code.py:\d+: step\(state\) must take \(t, state, input\)"
+        InputError, match=r"test_own_code.py:\d+: step\(state\) must have the arguments \(t, state, input\)"
     ) as refused:
         zeros_of_step("law", "the state", Rounded().step, 0, (), Point(1.0))
     assert refused.value.fix == "def step(self, t, state, input): …"
-    with pytest.raises(InputError, match=r"init\(\) must take \(key\)"):
+    with pytest.raises(InputError, match=r"init\(\) must have the arguments \(key\)"):
         first_state("law", Rounded().init, None)
     with pytest.raises(InputError, match="ZeroDivisionError: division by zero"):
         first_state("law", lambda key: 1 / 0, None)

@@ -50,7 +50,7 @@ def test_rejects_invalid_stick_scripts():
         stick_script((0, 0.0, 0.0, "auto"))
     with pytest.raises(InputError, match="rising order"):
         stick_script((ms(20), 0.0, 0.0, "manual"), (ms(20), 0.0, 0.0, "manual")).check()
-    with pytest.raises(InputError, match="modes: 1, 2, 2, 2"):
+    with pytest.raises(InputError, match="numbers of times, forward, turn and mode: 1, 2, 2, 2"):
         replace(SCRIPT, times=np.array([0], np.int64)).check()
     with pytest.raises(InputError, match=r"forward"):
         with_stick(load(), stick_script((0, 1.5, 0.0, "manual"))).check()

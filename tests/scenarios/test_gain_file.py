@@ -111,7 +111,7 @@ def test_rejects_gains_that_do_not_fit(folder, tmp_path):
     assert "for a CartPole (cart-pole/swing-up), but the scenario has a Multirotor" in text
     assert "trimtab design" in text
     units = about["units"].replace("position m", "position ft")
-    assert "'position ft', here 'position m'" in refusal(gain=written(about={**about, "units": units}))
+    assert "'position m' in this scenario" in refusal(gain=written(about={**about, "units": units}))
     plain = {n: v for n, v in about.items() if n != "vehicle"}
     assert "not a gain for the states of a vehicle" in refusal(gain=written(about=plain))
     assert "designed with a calibration" in refusal(gain=written(about={**about, "set": "calibration=boat.toml"}))

@@ -193,7 +193,7 @@ def test_relative_paths_are_resolved_beside_the_file(tmp_path, monkeypatch):
         ),
         ('base = "hovercraft/spin"\n[autopilot.law]\npart = "Spni"', r"my.toml:3:1: autopilot.law: unknown part"),
         ('base = "hovercraft/spin"\n[world.actuators]\npart = "none"', r"my.toml:3:1: world.actuators: .*be left out"),
-        ('[world.vehicle]\npart = "Hovercraft"', r"my.toml: world.actuators: the part is missing"),
+        ('[world.vehicle]\npart = "Hovercraft"', r"my.toml: world.actuators: this part of the scenario is missing"),
     ],
 )
 def test_invalid_file_error_names_the_line(tmp_path, text, said):

@@ -62,7 +62,7 @@ def test_rejects_sensor_of_unknown_quantity():
     class Sixth(ActingInput):
         FEELS = "mood"
 
-    with pytest.raises(InputError, match=r"measures 'mood', which"):
+    with pytest.raises(InputError, match=r"FEELS = 'mood', which is not a quantity that the world provides"):
         world({"odd": Sixth()}).init(key(0), X)
 
 

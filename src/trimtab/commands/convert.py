@@ -22,7 +22,7 @@ ENDING = ".rrd"
 @click.option("--as", "kind", type=click.Choice(["ros2", "rerun"]), required=True, help="Format to write.")
 @OUT("PATH", "Write a ROS 2 bag to this new folder, or a Rerun recording to this .rrd file.", required=True)
 @click.option(
-    "--scenario", metavar="SCENARIO", help="Logged scenario, e.g. my_boat.py:scenario, if not in the catalogue."
+    "--scenario", metavar="SCENARIO", help="Scenario of the log, e.g. my_boat.py:scenario, if not in the catalogue."
 )
 @click.option("--period", metavar="TIME", default="10 ms", show_default=True, help="Period of the written poses.")
 @JSON

@@ -41,7 +41,7 @@ FUNCTION = "certified_system"
 @click.option(
     "--method",
     type=click.Choice(("lqr", "lmi")),
-    help="Design method: Riccati equation (lqr), or a solver for matrix inequalities (lmi).  [default: lqr]",
+    help="Method: Riccati equation (lqr), or a solver for matrix inequalities (lmi).  [default: lqr]",
 )
 @click.option(
     "--filter", "filter_", metavar="KIND", help="Kind of filter that estimates the unmeasured states.  [default: tuned]"
@@ -88,10 +88,9 @@ def command(
     SYSTEM is a system of the package, or a file or folder of your own (docs, Certificate).
 
     For a law of the package, the result is a theorem instead of a gain: the set to which the loop converges, the region
-    of attraction, and a Lyapunov function (docs, Theorem). The theorem is derived from the code of the law,
-    evaluated on polynomials. --stabilisability tests if smooth feedback can stabilise a vehicle (Brockett; Byrnes and
-    Isidori), and finds by Lie brackets the directions in which the inputs can steer the vehicle (docs,
-    Stabilisability).
+    of attraction, and a Lyapunov function (docs, Theorem). The theorem is derived from the code of the law, evaluated
+    on polynomials. --stabilisability tests if smooth feedback can stabilise a vehicle (Brockett; Byrnes and Isidori),
+    and finds by Lie brackets the directions in which the inputs can steer it (docs, Stabilisability).
 
     \b
     trimtab design hypersonic                        gain, poles and every condition

@@ -51,14 +51,14 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
             "outputs",
             multiple=True,
             metavar="NAME",
-            help="With --inversion: output that changes to the value in --to. May be repeated.",
+            help="Output that changes to the value in --to. Only with --inversion. May be repeated.",
         ),
         click.option(
             "--input",
             "inputs",
             multiple=True,
             metavar="NAME",
-            help="With --inversion: input to use; others stay at the trim value. May be repeated.  [default: all]",
+            help="Input to use. Others keep their trim values. Only with --inversion. May be repeated.  [default: all]",
         ),
         click.option(
             "--to",
@@ -69,7 +69,7 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--in", "seconds_long", type=float, metavar="SECONDS", help="With --inversion: duration of the change."
         ),
-        PLOT("With --inversion: draw states, inputs and outputs to this picture.", "picture"),
+        PLOT("Draw states, inputs and outputs to this picture. Only with --inversion.", "picture"),
     )
     for option in reversed(options):
         function = option(function)

@@ -41,9 +41,7 @@ BOARDS = ("cortex-m4", "cortex-m7")
     show_default=True,
     help="Part to write: autopilot, loop (autopilot, vehicle, sensors and links), or vehicle (only as an FMU).",
 )
-@click.option(
-    "--fmu", type=click.Choice(("2", "3")), help="Write an FMU for co-simulation by the FMI standard 2.0 or 3.0."
-)
+@click.option("--fmu", type=click.Choice(("2", "3")), help="Write an FMU for co-simulation by FMI 2.0 or 3.0.")
 @OUT("DIR", "Write C code, a test program and test vectors to this folder, or an FMU to this file.")
 @click.option("--steps", type=click.IntRange(1), default=2000, show_default=True, help="Number of test vectors.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the test vectors.")
@@ -106,9 +104,8 @@ def command(
         _refuse_choices_of_verify()
         sys.exit(0 if _check_export(check, target, as_json) else 1)
     if scenario is None:
-        raise InputError(
-            "export", "the argument SCENARIO is missing", fix="trimtab export hovercraft/zero-velocity --out DIR"
-        )
+        fix = "trimtab export hovercraft/zero-velocity --out DIR"
+        raise InputError("export", "the argument SCENARIO is missing", fix=fix)
     if fmu is not None:
         _write_fmu(scenario, int(fmu), out, as_json, target, fly, **options)
         return
@@ -214,9 +211,8 @@ def _refuse_choices_of_verify() -> None:
         if is_typed and name not in ("check", "target", "as_json"):
             typed = "a scenario" if name == "scenario" else parameter.opts[0]
             problem = f"{typed} is only for writing, but --verify checks an existing folder"
-            raise InputError(
-                "export --verify", problem, fix="--verify DIR; add --target cortex-m7 to run the code there too"
-            )
+            fix = "--verify DIR; add --target cortex-m7 to run the code there too"
+            raise InputError("export --verify", problem, fix=fix)
 
 
 def _write_export(

@@ -39,7 +39,7 @@ from trimtab.core.cache_folder import enable_cache
 @FAULT_RANGE
 @VARY
 @SUCCESS
-@RUNS(5000, "Maximum number of runs.")
+@RUNS(5000, "Number of runs, at most.")
 @click.option(
     "--words",
     type=click.IntRange(1),

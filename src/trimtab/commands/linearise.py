@@ -75,7 +75,7 @@ ON_AXIS = 1e-7
     metavar="SECONDS",
     help="With --closed-loop: duration of one lap, for a reference on a closed path.",
 )
-@PLOT("With --closed-loop: draw the open-loop frequency response (Bode) to this picture.", "picture")
+@PLOT("Draw the open-loop frequency response (Bode) to this picture. Only with --closed-loop.", "picture")
 @WITHOUT
 @OUT("FILE", "Write the matrices A, B, C, D and the names of states, inputs and outputs (JSON).")
 @JSON

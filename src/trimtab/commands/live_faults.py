@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     "--real-time",
     "is_real",
     is_flag=True,
-    help="Fly with real processes in real time, instead of in one process in virtual time.",
+    help="Ask for flights with real processes in real time, instead of in one process in virtual time.",
 )
 @click.option(
     "--jobs",

@@ -39,7 +39,7 @@ FEW = 20
 @FAULT_RANGE
 @VARY
 @SUCCESS
-@RUNS(100_000, "Approximate number of runs.")
+@RUNS(100_000, "Number of runs, approximately.")
 @FLIGHT
 @WITHOUT
 @SEED

@@ -38,7 +38,7 @@ PARTS = ("estimator", "law", "allocation")
 @click.option(
     "--scenario",
     metavar="SCENARIO",
-    help="Logged scenario, if it is not in the catalogue. With --map: scenario whose estimator is run.",
+    help="Scenario of the log, if it is not in the catalogue. With --map: scenario whose estimator is run.",
 )
 @click.option(
     "--set",
@@ -46,7 +46,7 @@ PARTS = ("estimator", "law", "allocation")
     multiple=True,
     metavar="PATH=VALUE",
     callback=parse_settings,
-    help="With --map: change a setting of the scenario in --scenario. May be repeated.",
+    help="Change a setting of the scenario in --scenario. Only with --map. May be repeated.",
 )
 @click.option(
     "--with",
@@ -61,7 +61,7 @@ PARTS = ("estimator", "law", "allocation")
     metavar="MODULE:FACTORY",
     help="Estimator to run on the samples of any log, without a scenario.",
 )
-@OUT("FILE", "With --estimator or --map: write the log with the estimates added to this MCAP file.")
+@OUT("FILE", "Write the log with the estimates added to this MCAP file. Only with --estimator or --map.")
 @BACKEND
 @PLOT("Draw the recorded and the replayed signals to this picture.")
 @JSON

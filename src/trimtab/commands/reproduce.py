@@ -33,7 +33,7 @@ GroupRows = list[tuple[StudyGroup, list[Row]]]
 
 @click.command()
 @click.argument("study", metavar="[STUDY]", required=False)
-@click.option("--only", multiple=True, metavar="GROUP", help="Compute only this group of figures. May be repeated.")
+@click.option("--only", multiple=True, metavar="GROUP", help="Restrict the study to this group. May be repeated.")
 @OUT("DIR", "Write the study's pictures to this folder.")
 @click.option(
     "--report",

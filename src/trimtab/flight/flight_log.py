@@ -145,14 +145,12 @@ class FlightLog:
             path: path of a new file.
             rows: layout of a row.
             metadata: metadata of the log.
-            frame: name of the coordinate frame whose pose each row contains. If it is empty, rows contain no pose, as
-                in virtual time.
+            frame: name of the coordinate frame whose pose each row contains. Empty: rows contain no pose.
             limit: maximum size of the log on the disk; None: no limit.
         """
         self._rows, stop = rows, 1 + rows.width
         self.pose: Any = no_pose() if frame else np.zeros(0)
-        """Pose of the vehicle, with the layout of `logs.frames`. Change the elements in place. Each row contains the
-        pose at the time of the row."""
+        """Pose of the vehicle at the time of the next row, with the layout of `logs.frames`. Change it in place."""
         self._row = np.zeros(stop + len(self.pose))
         self._numbers, self._poses = self._row[1:stop], self._row[stop:]
         self._ring = Ring.create(columns=len(self._row), rows=ROWS)

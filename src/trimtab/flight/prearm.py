@@ -148,8 +148,7 @@ class ArmingGuard:
         self._is_failsafe = self._has_failed_safe = self._is_confirmed = False
         self.log_folder: Path | None = None
         self.watchdog: int | None = None
-        """Time (100 ns) without an output row after which the outputs become safe, or None without a process of the
-        outputs."""
+        """Time (100 ns) without an output row after which the outputs become safe. None: no outputs process."""
         self.confirmed: frozenset[str] = frozenset()
         """Names of safety settings beyond their limits that the user has confirmed."""
         self.checks: list[ArmingCheck] = []

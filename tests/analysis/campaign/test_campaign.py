@@ -131,7 +131,7 @@ def test_success_without_targets_is_a_finite_state():
         ({"metrics": ["settling:heading"]}, "no target"),
         ({"success": ["settling:yaw_rate"]}, "is not a condition"),
         ({"sampling": "grid"}, "unknown sampling"),
-        ({"spread": {PERIOD: f"choice({', '.join(f'{k} ms' for k in range(1, 70))})"}}, "69 programs"),
+        ({"spread": {PERIOD: f"choice({', '.join(f'{k} ms' for k in range(1, 70))})"}}, "69 compiled programs"),
         ({"spread": {PERIOD: "choice(1 ms, nonsense)"}}, "nonsense"),
     ],
 )

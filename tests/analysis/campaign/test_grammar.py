@@ -129,7 +129,7 @@ def test_parses_every_form_of_requirement():
         ("p0(x) <= 1", "above 0 and below 100"),
         ("p100(x) <= 1", "above 0 and below 100"),
         ("p9.9.9(x) <= 1", "is not a quantile"),
-        ("mean(x) <= 10 s", "without a unit"),
+        ("mean(x) <= 10 s", "without the unit"),
         ("p95(x) <= 50%", "not a finite number"),
         ("max(x) <= 1 @ 95%", "cannot bound the max"),
         ("1 <= mean(x) <= 2", "must compare a statistic with a number"),

@@ -122,7 +122,7 @@ def see_pose(log: Log, scenario: Scenario, seed: int) -> FlightData:
 
 def test_rejects_log_of_another_vehicle() -> None:
     log = capture_flight({}, 1, 2.0)
-    with pytest.raises(InputError, match="has no commands FX, FY"):
+    with pytest.raises(InputError, match="does not contain the commands FX, FY"):
         read_flight(log, build("hovercraft/spin").ideal(), name="flight.mcap")
 
 

@@ -123,7 +123,7 @@ def _check_number(part: str, factor: Factor, value: Any, declared: Quantity) -> 
     if factor.distribution.kind == ALONG:
         if value.ndim == 0 or len(factor.distribution.amounts) != value.size:
             problem = (
-                f"must have one number for each parameter element, got {len(factor.distribution.amounts)} numbers; "
+                f"must have one number for each element of the parameter, got {len(factor.distribution.amounts)}; "
                 f"the parameter has shape {value.shape}"
             )
             raise InputError(part, problem, fix=f"give {value.size} numbers" if value.ndim else SCALED)

@@ -1,5 +1,4 @@
-"""Stability map: success of a scenario over a grid of two parameters. The grid is refined only near the boundary of
-success.
+"""Stability map: success of a scenario over a grid of two parameters, refined near the boundary of success.
 
 Source: docs page, Stability maps; R. A. Finkel, J. L. Bentley, "Quad trees: a data structure for retrieval on composite
 keys", Acta Informatica 4 (1974), for the tree of cells. The rule for splitting cells was developed for this package.
@@ -310,10 +309,7 @@ class _PointFlights(NamedTuple):
     used: list[str]
 
     def share(self, own: dict[str, Any]) -> Any:
-        """Return the share of successful runs (k,) at k points.
-
-        own: path -> values of the parameter at the points (k, …).
-        """
+        """Return the share of successful runs (k,) at k points. own: path -> parameter values at the points (k, …)."""
         points, runs = len(next(iter(own.values()))), len(self.seeds)
         each = max(NUMBERS // max(self.numbers * runs, 1), 1)
         slices = [slice(i, min(i + each, points)) for i in range(0, points, each)]

@@ -250,8 +250,7 @@ def tune(
         spread: other parameters that vary from run to run, as in a campaign.
         seed: seed of the runs' random numbers and of the method.
         settings, without, faults: as in `trimtab run`, only for a scenario given by name.
-        backend, threads: as in `simulate_batch`.  progress: function called with the number of runs flown since the
-            last call.
+        backend, threads: as in `simulate_batch`.  progress: called with the number of runs flown since the last call.
         store: folder in which finished runs are stored. The same tuning resumes from this folder.
     Raises: InputError for a scenario that can't be flown or tuned, before any run starts.
     """
