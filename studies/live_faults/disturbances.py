@@ -251,7 +251,7 @@ def shift_clock(draw: random.Random) -> Disturbance:
         acts.do_nothing,
         FLIES,
         evidence=(logged_event(VEHICLE, rf"refused: the clock of 1/191 is {abs(seconds)}\.?\d* s {which}"),),
-        explains=("refused: the clock of 1/191", "signing by the vehicle.s clock"),
+        explains=("refused: the clock of 1/191", "packets are signed by the vehicle.s clock"),
         refused_start=RefusedStart(
             rf"wrong clock: clocks differ by {abs(seconds)}\.\d s",
             environment=wrong_clock(seconds),

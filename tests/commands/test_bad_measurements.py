@@ -66,7 +66,10 @@ EVERY = {
         lambda x: [line.replace(",", ";").replace(".", ",") for line in x],
         "line 1 uses semicolons|line 1: the header is",
     ),
-    "decimal commas": (lambda x: [x[0], *(line.replace(".", ",") for line in x[1:])], r"the line .* has 4 fields|line \d+ has|line \d+: fields"),
+    "decimal commas": (
+        lambda x: [x[0], *(line.replace(".", ",") for line in x[1:])],
+        r"the line .* has 4 fields|line \d+ has|line \d+: fields",
+    ),
     "a word": (lambda x: put(x, 8, 1, "n/a"), "line 8.*'n/a'"),
     "not finite": (lambda x: put(x, 8, 1, "nan"), "line 8.*finite"),
     "a line twice": (

@@ -93,7 +93,7 @@ def test_runs_of_a_batch_have_their_own_packets():
 def test_rejects_ring_buffer_that_could_overflow():
     assert required_slots(0.1, ms(20), ms(1)) == 7  # 5 under way, 1 for the wait to be seen, 1 that has arrived
     check_ring("link", 7, 0.1, ms(20), ms(1))
-    with pytest.raises(InputError, match=r"link\.capacity.*6 slots.*0\.1 s.*\nFix: set capacity to 7 or more"):
+    with pytest.raises(InputError, match=r"link\.capacity.*6 slots.*0\.1 s.*\nFix: set capacity to at least 7"):
         check_ring("link", 6, 0.1, ms(20), ms(1))
     with pytest.raises(InputError, match=r"link\.send_period: 1 ms is shorter than the link's period, 2 ms"):
         check_ring("link", 64, 0.0, ms(1), ms(2))

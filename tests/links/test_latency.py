@@ -143,7 +143,7 @@ def test_bad_settings_are_refused():
     for table in (falling, np.zeros(0), np.zeros(3), np.full(65, np.nan), np.array(LINK.latency) - 0.02):
         with pytest.raises(InputError, match="65 rising latencies, at least 0"):
             replace(LINK, latency=table).check()
-    with pytest.raises(InputError, match=r"capacity.*\nFix: set capacity to 1\d or more"):
+    with pytest.raises(InputError, match=r"capacity.*\nFix: set capacity to at least 1\d"):
         replace(LINK, capacity=5).check()
     with pytest.raises(InputError, match=r"no imperfection 'delays'.*\nChoices: delay, jitter, loss"):
         without(LINK, "delays")

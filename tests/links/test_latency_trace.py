@@ -132,5 +132,5 @@ def test_bad_settings_are_refused():
         LatencyTrace(np.zeros(0), np.zeros(0, bool)).check()
     with pytest.raises(InputError, match=r"packet 3 has the latency nan s"):
         replace(link, latency=np.where(np.arange(6) == 3, np.nan, 0.01)).check()
-    with pytest.raises(InputError, match=r"capacity.*\nFix: set capacity to 17 or more"):
+    with pytest.raises(InputError, match=r"capacity.*\nFix: set capacity to at least 17"):
         replace(link, capacity=5).check()

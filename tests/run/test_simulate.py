@@ -241,7 +241,9 @@ class Climb:
 
 def test_rejects_a_law_that_reads_a_missing_state(short):
     wrong = replace(short, autopilot=replace(short.autopilot, law=Climb()))
-    with pytest.raises(InputError, match=r"Climb reads 'pitch', which the estimate of Passthrough does not contain(.|\n)*yaw_rate"):
+    with pytest.raises(
+        InputError, match=r"Climb reads 'pitch', which the estimate of Passthrough does not contain(.|\n)*yaw_rate"
+    ):
         simulate(wrong)
 
 

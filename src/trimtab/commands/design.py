@@ -83,9 +83,8 @@ def command(
 
     A certificate belongs to a named system with settings. --check rebuilds that system from scratch, compares it with
     every matrix, weight and number in the file, and proves each condition in exact arithmetic, without the solver that
-    found the gain. If a condition fails, the violating number is printed and the exit code is 1.
-
-    SYSTEM is a system of the package, or a file or folder of your own (docs, Certificate).
+    found the gain. If a condition fails, the violating number is printed and the exit code is 1. SYSTEM is a system of
+    the package, or a file or folder of your own (docs, Certificate).
 
     For a law of the package, the result is a theorem instead of a gain: the set to which the loop converges, the region
     of attraction, and a Lyapunov function (docs, Theorem). The theorem is derived from the code of the law, evaluated

@@ -163,7 +163,7 @@ UNUSED = "(void)p, (void)s, (void)in, (void)out;"
         ("volatile char a[300000]; for (int i = 299999; i >= 0; --i) a[i] = 0; out->mode = a[0];", "took a fault"),
         ("*(volatile int *)0 = 1;", "took a fault"),
         ("out->mode = *(volatile int *)0x1ffffff0;", "took a fault"),
-        ("for (;;) __asm volatile(\"\");", "ended after 1 s"),
+        ("for (;;) __asm volatile(\"\");", "was stopped after 1 s"),
     ],
 )  # fmt: skip
 def test_rejects_faulty_autopilot_code(tmp_path, statements, why):
@@ -174,7 +174,7 @@ def test_rejects_faulty_autopilot_code(tmp_path, statements, why):
 
 def test_rejects_mismatched_vectors_file(tmp_path):
     folder = exported(tmp_path / "bad", **{"VECTORS_IN = 4": "VECTORS_IN = 3"})
-    with pytest.raises(InputError, match=r"2 steps.* 9 columns; vectors\.h says 3 inputs and 5 outputs"):
+    with pytest.raises(InputError, match=r"2 steps.* 9 columns; vectors\.h defines 3 inputs and 5 outputs"):
         read_vectors(folder, 2)
     file = folder / "vectors.csv"
     for text, problem in (("", "0 steps"), (f"{NAMES}\n1,2\n", "2 and 9 columns"), (f"{NAMES}\none\n", "'one")):

@@ -75,7 +75,9 @@ def test_gamma_shape_matches_the_reconstructed_values():
 
 
 def test_unknown_pairs_and_paths_are_refused_with_the_choices():
-    with pytest.raises(InputError, match=r"no pair 'linksys'.*\nChoices: .*free2move/free2move 2\.9/22\.0") as caught:
+    with pytest.raises(
+        InputError, match=r"no pair of modules 'linksys'.*\nChoices: .*free2move/free2move 2\.9/22\.0"
+    ) as caught:
         bluetooth_link("linksys", "up")
     assert caught.value.choices == tuple(TABLE)
     with pytest.raises(InputError, match=r"Fix: write 'free2move/linksys 2\.9/22\.0'"):
