@@ -262,6 +262,8 @@ def _draw_run(report: RunReport, file: Path | None, with_navigation: bool) -> li
 
 def print_navigation(navigation: "Navigation", units: Mapping[str, str]) -> None:
     """Print how well the navigation filter's sigmas match the actual errors, and how the filter's states converge."""
+    from trimtab.logs.consistency import MEANINGS
+
     headings = ("quantity", ">of", ">draws", ">mean", ">bounds", ">error / sigma", "white", "verdict")
     table = new_table(*headings, title="Navigation: actual errors compared with the filter's sigmas")
     rows: list[tuple[str, str, Any, str]] = []
@@ -275,6 +277,8 @@ def print_navigation(navigation: "Navigation", units: Mapping[str, str]) -> None
         factor = f"{j.factor:.2f}  ({_format_short(j.factor_low)} … {_format_short(j.factor_high)})"
         table.add_row(name, of, f"{j.draws:.0f}", f"{j.mean:.3g}", bounds, factor, white, j.verdict)
     print_table(table)
+    verdicts = {j.verdict for _, _, j, _ in rows}
+    click.echo("; ".join(f"{verdict}: {meaning}" for verdict, meaning in MEANINGS.items() if verdict in verdicts))
     table = new_table("state", ">first sigma", ">last sigma", ">settled (s)", "trend")
     for name, state in navigation.learned.items():
         cells = (f"{state.first:.3g}", f"{state.last:.3g}", f"{state.settled_s:.2f}", state.trend)

@@ -20,6 +20,13 @@ from scipy import special
 from trimtab.core.errors import InputError
 
 CONSISTENT, OPTIMISTIC, PESSIMISTIC, UNDECIDED = "consistent", "optimistic", "pessimistic", "undecided"
+MEANINGS = {
+    CONSISTENT: "the errors match the sigmas",
+    OPTIMISTIC: "the errors are larger than the sigmas predict",
+    PESSIMISTIC: "the errors are smaller than the sigmas predict",
+    UNDECIDED: "too few data",
+}
+"""Meaning of each verdict."""
 HONEST, TELLING = 1.1, 2.0
 """Limits for the ratio of errors to sigmas. A ratio between 1/HONEST and HONEST counts as 1. The verdict `consistent`
 requires that the confidence interval of the ratio lies between 1/TELLING and TELLING."""

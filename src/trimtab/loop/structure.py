@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, is_record
@@ -57,7 +58,7 @@ def step_part(part: Any, t: Any, state: Any, given: Any) -> Any:
     equations are the same as those of a plain call. If an input is a constant or no trace is active, this is a plain
     call.
     """
-    is_traced = all(isinstance(v, jax.core.Tracer) for v in jax.tree.leaves((part, t, state, given)))
+    is_traced = all(isinstance(v, Tracer) for v in jax.tree.leaves((part, t, state, given)))
     return (_trace_step if is_traced else type(part).step)(part, t, state, given)
 
 

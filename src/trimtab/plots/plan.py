@@ -114,7 +114,7 @@ def draw_plan(axes: Any, log: Log, ideal: Log | None = None) -> None:
     heading = next((p for p in (f"{FLIGHT}yaw", "truth.heading") if p in log), "")
     if heading:
         _draw_headings(axes, log[heading], np.array([east, north]), MARK_LENGTH * size)
-    style_axes(axes, "Plan", "○ start  ● end  – nose", "north (m)")
+    style_axes(axes, "Plan", "○ start   ● end   short lines: nose", "north (m)")
     axes.set_xlabel("east (m)", fontsize=9)
     axes.set_aspect("equal", adjustable="datalim")
     ends = np.array([_ends(east), _ends(north)])
