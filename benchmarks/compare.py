@@ -122,7 +122,9 @@ def options() -> argparse.Namespace:
     p.add_argument("--campaign-rounds", type=int, default=7, help="rounds of campaigns (%(default)s)")
     p.add_argument("--runs", type=int, default=512, help="runs of a campaign (%(default)s)")
     p.add_argument("--threads", type=int, default=2, help="threads of a campaign (%(default)s)")
-    p.add_argument("--tol", type=float, default=1e-9, help="largest accepted difference from hand C (%(default)s)")
+    p.add_argument(
+        "--tol", type=float, default=1e-9, help="largest accepted difference from hand-written C (%(default)s)"
+    )
     p.add_argument("--quick", action="store_true", help="2 rounds, 16 runs: checks results, but gives no useful times")
     p.add_argument("--strict", action="store_true", help="exit with 1 also if a target is missed")
     p.add_argument("--markdown", action="store_true", help="print rows for the documentation's table at the end")
@@ -136,7 +138,7 @@ def options() -> argparse.Namespace:
 
 
 def wrong(tables: dict[str, Timed], libraries: dict[str, Any], tol: float) -> list[str]:
-    """Return the programs that differ from hand C, and hand C itself if it differs from the printed numbers."""
+    """Return the programs that differ from hand-written C, and hand-written C if it differs from printed numbers."""
     bad = [f"{n} ({TITLES[t]})" for t, timed in tables.items() for n, d in timed.worst.items() if not d <= tol]
     hand = references.single(libraries[HAND_C])(np.array(spec.GAINS), np.array([spec.KEY0, 0], np.uint32))
     return bad if difference(hand, KNOWN) <= tol else [HAND_C, *bad]

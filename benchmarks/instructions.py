@@ -3,10 +3,10 @@
     python benchmarks/instructions.py               half a minute
     python benchmarks/instructions.py --markdown    also prints the rows of docs/benchmarks.md
 
-The programs are hand C without and with SLP, trimtab's C, and, per run, hand SIMD and trimtab over 4 lanes. All are
-built for x86-64-v3 (AVX2), because valgrind lacks AVX-512. The count of a run with 0 ticks (start-up) is subtracted.
-Results are compared, too. Equal counts do not mean equal times: SLP lowers the count and raises the time. Needs gcc,
-g++ and valgrind, on x86-64.
+The programs are hand-written C without and with SLP, trimtab's C, and, per run, hand-written SIMD and trimtab over 4
+lanes. All are built for x86-64-v3 (AVX2), because valgrind lacks AVX-512. The count of a run with 0 ticks (start-up) is
+subtracted. Results are compared, too. Equal counts do not mean equal times: SLP lowers the count and raises the time.
+Needs gcc, g++ and valgrind, on x86-64.
 """
 
 import argparse
@@ -94,7 +94,7 @@ def main() -> int:
     if shutil.which("valgrind") is None:
         sys.exit("valgrind not found (Debian: apt-get install valgrind)")
     print(machine("jax"))
-    simd, lanes = f"hand SIMD, {LANES} lanes (AVX2), per run", f"trimtab, {LANES} lanes (AVX2), per run"
+    simd, lanes = f"hand-written SIMD, {LANES} lanes (AVX2), per run", f"trimtab, {LANES} lanes (AVX2), per run"
     jobs = {
         HAND_C: lambda: hand("hover_c.c", "-fno-tree-vectorize"),
         HAND_SLP: lambda: hand("hover_c.c"),
@@ -103,16 +103,16 @@ def main() -> int:
         lanes: lambda: generated(LANES),
     }
     found, bad = {}, []
-    print(f"\n{'':36}{'instructions per tick':>22}{'x hand C':>10}{'max diff':>10}")
+    print(f"\n{'':46}{'instructions per tick':>22}{'x hand-written C':>18}{'max diff':>10}")
     for name, job in jobs.items():
         found[name] = job()
         count, apart = found[name].instructions, difference(truth(found[name].numbers), truth(KNOWN))
-        print(f"{name:36}{count:22.0f}{count / found[HAND_C].instructions:10.3f}{apart:10.0e}", flush=True)
+        print(f"{name:46}{count:22.0f}{count / found[HAND_C].instructions:18.3f}{apart:10.0e}", flush=True)
         bad += [] if apart <= 1e-9 else [name]
     print(f"\nWRONG by more than 1e-09: {', '.join(bad)}" if bad else "\nall results agree to 1e-09")
     if a.markdown:
         for name, c in found.items():
-            ratio = f"{c.instructions:.0f} ({c.instructions / found[HAND_C].instructions:.2f} x hand C)"
+            ratio = f"{c.instructions:.0f} ({c.instructions / found[HAND_C].instructions:.2f} x hand-written C)"
             print(row(f"instructions per tick: {name}", ratio, "", "python benchmarks/instructions.py"))
     return int(bool(bad))
 

@@ -16,7 +16,7 @@ import spec
 
 CC, CXX = os.environ.get("CC", "gcc"), os.environ.get("CXX", "g++")
 FLAGS = ["-O3", "-shared", "-fPIC"]
-HAND_C, HAND_SLP = "hand C", "hand C with SLP"
+HAND_C, HAND_SLP = "hand-written C", "hand-written C with SLP"
 KNOWN = np.array(
     [
         *(0.0359807356968819, 0.0300824255925851, 0.00182891280533006, -0.0991717791979678, -3.92524697596123),
@@ -54,7 +54,7 @@ def widest(march: str) -> int:
 
 
 def hand(folder: str, march: str) -> dict[str, ctypes.CDLL]:
-    """Build hand C without and with SLP, by which gcc packs neighbouring scalars into vectors."""
+    """Build hand-written C without and with SLP, by which gcc packs neighbouring scalars into vectors."""
     libraries = {}
     for name, extra in ((HAND_C, ["-fno-tree-vectorize"]), (HAND_SLP, [])):
         out = f"{folder}/hand{len(libraries)}.so"
@@ -64,22 +64,22 @@ def hand(folder: str, march: str) -> dict[str, ctypes.CDLL]:
 
 
 def simd(folder: str, march: str, lanes: int) -> dict[str, ctypes.CDLL]:
-    """Build hand SIMD. If that is impossible, print the reason and return an empty dict."""
+    """Build hand-written SIMD. If that is impossible, print the reason and return an empty dict."""
     if not lanes:
-        print("hand SIMD is left out: no AVX2")
+        print("hand-written SIMD is left out: no AVX2")
         return {}
     out, source = f"{folder}/simd.so", str(SOURCES / "hover_simd.cpp")
     try:
         sh(CXX, *FLAGS, f"-march={march}", f"-DW={lanes}", "-o", out, source, "-lm", "-lmvec", "-lpthread")
         return {hand_simd(lanes): ctypes.CDLL(out)}
     except (RuntimeError, OSError) as reason:
-        print(f"hand SIMD is left out: it needs g++, x86-64 and glibc 2.35 or newer\n{str(reason)[:500]}")
+        print(f"hand-written SIMD is left out: it needs g++, x86-64 and glibc 2.35 or newer\n{str(reason)[:500]}")
         return {}
 
 
 def hand_simd(lanes: int) -> str:
-    """Return the name of hand SIMD in the tables."""
-    return f"hand SIMD, {lanes} lanes"
+    """Return the name of hand-written SIMD in the tables."""
+    return f"hand-written SIMD, {lanes} lanes"
 
 
 def at(a: Any) -> ctypes.c_void_p:

@@ -44,10 +44,10 @@ def test_compared_programs_agree_in_results(tmp_path):
     worst = {(table, name): d for table, timed in found["tables"].items() for name, d in timed["worst"].items()}
     assert max(worst.values()) <= 1e-9
     for table, programs in {
-        "single": ("hand C", "hand C with SLP", "trimtab C"),
+        "single": ("hand-written C", "hand-written C with SLP", "trimtab C"),
         "python": ("trimtab C", "JAX scan", "trimtab on JAX", "numpy loop"),
-        "log": ("hand C", "trimtab C", "JAX scan", "trimtab on JAX"),
-        "campaign": ("hand C", "trimtab with lanes and threads", "JAX vmap"),
+        "log": ("hand-written C", "trimtab C", "JAX scan", "trimtab on JAX"),
+        "campaign": ("hand-written C", "trimtab with lanes and threads", "JAX vmap"),
     }.items():
         assert {(table, name) for name in programs} <= set(worst)
     assert {r["target"] for r in found["ratios"].values()} == {"≤ 1.1", "≥ 0.95", "≥ 8", "≥ 20", "≤ 1.3", ""}
@@ -61,7 +61,7 @@ import sys, tempfile
 sys.path.insert(0, sys.argv[1])
 import compare, references
 from paired import Timed
-timed = Timed({}, {}, {"hand C": 0.0, "right": 1e-12, "wrong": 1e-6, "not a number": float("inf")})
+timed = Timed({}, {}, {"hand-written C": 0.0, "right": 1e-12, "wrong": 1e-6, "not a number": float("inf")})
 with tempfile.TemporaryDirectory() as folder:
     libraries = references.hand(folder, "native")
     print(compare.wrong({"single": timed}, libraries, 1e-9))
@@ -69,7 +69,9 @@ with tempfile.TemporaryDirectory() as folder:
     print(compare.wrong({}, libraries, 1e-9))
 """
     done = python("-c", text, BENCHMARKS)
-    assert done.stdout.splitlines() == ["['wrong (one run)', 'not a number (one run)']", "['hand C']"], done.stderr
+    assert done.stdout.splitlines() == ["['wrong (one run)', 'not a number (one run)']", "['hand-written C']"], (
+        done.stderr
+    )
 
 
 @pytest.mark.thorough

@@ -37,7 +37,7 @@ TRIMTAB, NUMPY = "trimtab C", "numpy loop"
 
 
 class Peer(NamedTuple):
-    """Peer: pip's requirements (the peer first), and the accepted difference of its results from hand C's.
+    """Peer: pip's requirements (the peer first), and the accepted difference of its results from hand-written C's.
 
     If the peer's events cannot have the order or the instants of the loop, its runs differ a little from the start, as
     its file describes. The other peers compute the same numbers.
@@ -137,7 +137,7 @@ class Worker:
 
 
 def beside(worker: Worker, peer: Peer, count: int) -> Timed:
-    """Time rounds of the peer, the numpy loop, and fifty runs each of trimtab and hand C."""
+    """Time rounds of the peer, the numpy loop, and fifty runs each of trimtab and hand-written C."""
     gains, key = np.array(spec.GAINS), np.array([spec.KEY0, 0], np.uint32)
     inputs = [(gains + 0.01 * i, key + np.array([0, i], np.uint32)) for i in range(count + 1)]
     began = time.perf_counter()

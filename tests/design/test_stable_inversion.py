@@ -161,7 +161,9 @@ def test_rejects_poles_on_the_imaginary_axis():
 @pytest.mark.parametrize("psi", [lambda z: -z - 9 * z + 3, lambda z: z**3 - z + 40])
 def test_diverging_iteration_error_lists_successive_changes(psi):
     """psi is much stiffer than A, or grows with its own size."""
-    with pytest.raises(InputError, match=r"successive changes, in scales: [\d.e+]+, [\d.e+]+") as told:
+    with pytest.raises(
+        InputError, match=r"largest change in each iteration, relative to the scales: [\d.e+]+, [\d.e+]+"
+    ) as told:
         linear(psi=psi, start=np.zeros((101, 1)))
     assert "slower or smaller" in str(told.value)
 

@@ -100,7 +100,7 @@ def test_commands_accept_a_calibration_file(tmp_path: Path) -> None:
     spread = runner.invoke(main, ["campaign", NAME, "--runs", "16", "--spread", str(file), "--json", *common])
     assert spread.exit_code == 0, spread.output
     assert json.loads(spread.stdout)["notes"] == [
-        "IdentifiedGyro.b0 is not drawn: the world of this scenario has no such setting"
+        "IdentifiedGyro.b0 is not varied: the world of this scenario has no such setting"
     ]
     compared = runner.invoke(main, ["calibrate", "compare", str(file), str(file)])
     assert compared.output.strip() == "the parameters are identical"

@@ -196,7 +196,9 @@ def test_unknown_vehicle_gets_panels_for_its_signals():
     assert [p.title for p in select_panels(only)] == ["x"]
 
 
-@pytest.mark.parametrize(("aim", "said"), [(1.0, "in its band from 0.15 s on"), (2.0, "not in its band at the end")])
+@pytest.mark.parametrize(
+    ("aim", "said"), [(1.0, "within the target band from 0.15 s on"), (2.0, "outside the target band at the end")]
+)
 def test_target_panel_states_whether_target_is_met(aim, said):
     log = flown()
     log = Log(

@@ -85,7 +85,10 @@ def finish_calibration(
 
 
 def add_to_file(out: Path | None, calibration: Calibration) -> tuple[Calibration, list[Path]]:
-    """Merge a calibration into the file; return the merged calibration and the files written."""
+    """Merge a calibration into the calibration file `out`. Return the merged calibration and the path of the file.
+
+    If `out` is None, return the calibration unchanged, and no path.
+    """
     if out is None:
         return calibration, []
     check_calibration_file(out)

@@ -15,7 +15,7 @@ import click
 from trimtab.logs.log_limit import round_size
 
 LARGE = 10_000_000
-"""Minimum size (bytes) of an output file. The expected size of smaller files is not printed."""
+"""Expected size (bytes) of an output file or folder from which on the expected size is printed."""
 EACH = 10.0
 """Time (s) between two lines of progress if standard error is not a terminal."""
 HOUR = 3600.0

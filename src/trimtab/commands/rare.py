@@ -1,4 +1,5 @@
-"""`trimtab rare`: estimate the probability of a rare failure, and write scenario files that repeat two failures."""
+"""`trimtab rare`: estimate the probability of a rare failure, and write a scenario file for each of two failures: the
+worst failure found, and the likeliest."""
 
 import shlex
 from pathlib import Path
@@ -46,7 +47,8 @@ FEW = 20
 @THREADS
 @OUT(
     "DIR",
-    "Write finished runs, and scenario files of two failures, to this folder. The same command resumes from there.",
+    "Write finished runs, and scenario files of the worst and the likeliest failure, to this folder. The same command "
+    "resumes from there.",
 )
 @JSON
 def command(scenario: str, runs: int, out: Path | None, as_json: bool, **options: Any) -> None:
@@ -101,7 +103,7 @@ def plain_runs(probability: float, width: float) -> float:
 
 
 def _write_failures(scenario: str, out: Path, options: dict[str, Any], found: RareResult) -> dict[str, str]:
-    """Write a scenario file for the worst and one for the likeliest failure. Return the commands that repeat them."""
+    """Write a scenario file for the worst failure and one for the likeliest. Return the commands that repeat these."""
     conditions = "; ".join(options["success"]) or "each target is reached and kept"
     commands = {}
     for name, failure in (("worst", found.worst), ("likeliest", found.likeliest)):

@@ -72,7 +72,7 @@ class If:
         self.joins: list[tuple[Value, Value, Value]] = []
 
     def join(self, x: Value, y: Value) -> Value:
-        """Return the result of the branch that is x if the first block is taken, else y."""
+        """Return the value that is x if the first block is executed, else y."""
         if x is y:
             return x
         joined = Value("join", (), x.dtype)

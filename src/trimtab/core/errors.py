@@ -92,7 +92,7 @@ def spell_with(spelling: Callable[[Spelling, str, Any, str | None], str]) -> Ite
 
 
 def spell_python(name: str, value: Any, path: str | None) -> str:
-    """Return an argument as a user types it in Python."""
+    """Return an argument as a user types it in Python, e.g. `runs=1000`, or only its name if `value` is None."""
     if value is None:
         return name if path is None else f"{name} {path}"
     values = [_quote(v) for v in value] if isinstance(value, list) else _quote(value)

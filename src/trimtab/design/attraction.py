@@ -147,8 +147,8 @@ def _largest_level(loop: _Loop, P: Any, guess: float, ratio: float) -> float:
 
 
 class _Solution(NamedTuple):
-    """Solver's result. margin: smallest eigenvalue of S and G.  S: (n, n).  kernel: free entries of G, which cancel in
-    z'G z."""
+    """Result of the solver. margin: smallest eigenvalue of the matrices S and G.  S: matrix (n, n).  kernel: free
+    parameters of G, which do not change z'G z."""
 
     margin: float
     S: Any
@@ -199,7 +199,8 @@ def _kernel_matrices(names: tuple[str, ...]) -> list[Any]:
 
 
 def _margin(loop: _Loop, P: Any, level: float, size: Any) -> _Solution:
-    """Return the solution that maximises the smallest eigenvalue of S and G at a level of V, in y = x/size."""
+    """Return the solution that maximises the smallest eigenvalue of S and G for the region V <= level, in the scaled
+    state y = x/size."""
     falls, inside = _scale_parts(loop, P, level, size)
     products, n, count, moves = _form_products(loop.names), len(P), len(inside), _kernel_matrices(loop.names)
     still = np.zeros(len(moves))
@@ -216,9 +217,12 @@ def _margin(loop: _Loop, P: Any, level: float, size: Any) -> _Solution:
 
 
 def _scale_parts(loop: _Loop, P: Any, level: Any, size: Any) -> tuple[dict[Monomial, Any], list[dict[Monomial, Any]]]:
-    """Return the coefficients of -dV/dt/level, and of y_i y_j (1 - V/level) for each upper entry of S, in y = x/size.
+    """Return the coefficients of the polynomials in the proof of the region V <= level, in the scaled state y = x/size.
 
-    The results are floats for float arguments, and Fractions for Fractions.
+    The first result belongs to -(dV/dt)/level. The second result is a list with one entry for each element (i, j) of
+    the upper triangle of S: the polynomial by which this element is multiplied in s (1 - V/level), which is
+    y_i y_j (1 - V/level) for i = j and twice this polynomial otherwise. The results are floats for float arguments, and
+    Fractions for Fractions.
     """
     singles, one = [((name, 1),) for name in loop.names], P[0, 0] / P[0, 0]
     scaled, number = P * size * size[:, None] / level, Fraction if isinstance(one, Fraction) else float

@@ -86,7 +86,8 @@ class PlanTask(NamedTuple):
 def read_task(path: str | Path) -> PlanTask:
     """Return the planning task described by a file.
 
-    Raises: InputError if the content is missing, unknown or not valid. The error contains an example of a valid file.
+    Raises: InputError if the file cannot be read, if a section or a value is missing, if a section is unknown, or if a
+    value is not valid. The message contains an example of a correct text.
     """
     part = str(path)
     try:

@@ -126,7 +126,10 @@ def bounded_solution(
             rates, count = np.asarray(psi(zeta * scales)), len(split.unstable)
             return BoundedSolution(zeta * scales, rates, len(changes), tuple(changes), poles, count, places)
     text = ", ".join(f"{c:.2g}" for c in changes)
-    problem = f"the iteration does not converge to {tolerance:g}; successive changes, in scales: {text}"
+    problem = (
+        f"the iteration does not converge to {tolerance:g}; "
+        f"largest change in each iteration, relative to the scales: {text}"
+    )
     fix = "make the command slower or smaller, evaluate A along the motion, or give a better start"
     raise InputError("bounded_solution", problem, fix=fix)
 
@@ -162,7 +165,7 @@ def _check_arguments(A: Any, guess: Any, dt: float, scales: Any, left: Any, righ
         part = f"bounded_solution.{name}"
         if np.shape(value) != shape:
             problem = f"must have shape {shape}, got {np.shape(value)}"
-            raise InputError(part, problem, fix=f"give an array of shape {shape}, for {k} scales")
+            raise InputError(part, problem, fix=f"give an array of shape {shape}, because `scales` has {k} elements")
         if not np.isfinite(value).all():
             raise InputError(part, "must be finite", fix="give finite values")
     if len(guess) < 2 or not dt > 0:
@@ -170,7 +173,9 @@ def _check_arguments(A: Any, guess: Any, dt: float, scales: Any, left: Any, righ
         raise InputError("bounded_solution.dt", problem, fix="give e.g. dt=0.01")
     if not (scales > 0).all():
         raise InputError(
-            "bounded_solution.scales", f"must be above 0, got {scales}", fix="give one size for each state"
+            "bounded_solution.scales",
+            f"must be above 0, got {scales}",
+            fix="give the natural size of each internal coordinate",
         )
 
 

@@ -15,8 +15,8 @@ from trimtab.flight.mavlink.endpoint import Endpoint
 AUTOPILOT_TIMEOUT = seconds(10)
 """Time (100 ns) without a message from an autopilot after which samples are no longer sent."""
 AUTOPILOT_MESSAGES = ("HEARTBEAT", "TIMESYNC")
-"""Messages that only an autopilot sends. A sender of such a message or of a command, with the vehicle's own system id,
-counts as the autopilot."""
+"""Messages by which a vehicle recognises its autopilot. A sender counts as the autopilot if it uses the system id of
+the vehicle, and sends one of these messages or a command."""
 
 
 class Broadcast:

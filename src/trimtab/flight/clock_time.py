@@ -6,8 +6,8 @@ header byte, an id, data.
     up    A5 06 10 boot(8) session(4) rate(4)     down  A5 06 10 boot(8) session(4) heard(4)
     load  A5 03 servo command(4)       load  A5 01 IMU record(23)
 
-The far end appends its timer reading to a request and sends the request back. Received bytes that belong to no message
-are skipped.
+One end of the link, the measuring end, sends requests. The far end appends its timer reading to each request and sends
+the request back. Received bytes that belong to no message are skipped.
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5,
 for the experiment; header, ids and units are our own choice.
 """
@@ -69,8 +69,8 @@ class ClockMessageParser:
 class Hello(NamedTuple):
     """Hello message: digest of the sender's boot id, session number, and a number whose meaning depends on the sender.
 
-    number: from the measuring end, the load (byte/s) that the far end must send; from the far end, the number of
-    requests that have arrived there.
+    number: in a message of the measuring end, the load (byte/s) that the far end must send. In a message of the far
+    end, the number of requests that have arrived there.
     """
 
     boot: bytes
@@ -110,7 +110,7 @@ class Reply(NamedTuple):
 
 
 class ClockTimeExchange:
-    """Encoder of requests and decoder of replies for the measuring end of the CLOCK_TIME experiment."""
+    """Encoder of requests and decoder of replies, for the end of the link that measures the delays (CLOCK_TIME)."""
 
     def __init__(self, session: int, boot: bytes | None = None) -> None:
         self._boot, self._session = boot_digest() if boot is None else boot, session

@@ -28,8 +28,9 @@ MEANINGS = {
 }
 """Meaning of each verdict."""
 HONEST, TELLING = 1.1, 2.0
-"""Limits for the ratio of errors to sigmas. A ratio between 1/HONEST and HONEST counts as 1. The verdict `consistent`
-requires that the confidence interval of the ratio lies between 1/TELLING and TELLING."""
+"""Limits for the confidence interval of the ratio of errors to sigmas. If the interval is above HONEST, the filter is
+optimistic. If the interval is below 1/HONEST, the filter is pessimistic. Otherwise the filter is consistent if the
+interval is between 1/TELLING and TELLING. If the interval is wider, the data are too few for a verdict."""
 FEW = 10
 """Effective number of independent draws below which a verdict on one run can only be `optimistic` or `undecided`."""
 WINDOW = 6

@@ -123,17 +123,19 @@ def _effectiveness(paths: list[str], known: Mapping[str, Any]) -> list[str]:
 
 
 def _explain(name: str) -> list[str]:
-    """Return the reason why a calibration entry with a standard error is not drawn.
+    """Return the reason why a campaign does not vary a calibrated parameter that has a standard error.
 
-    Return [] for the mean and the deviation of a link's latency, which are drawn as the link's latency table.
+    Return [] for the mean and the deviation of a link's latency, which are varied by varying the latency table.
     """
     if name in tuple(f"{link}.{what}" for link in LINKS for what in ("mean", "deviation")):
         return []
     if name == "Thruster.offset":
-        return [f"{name} is not drawn, because RudderGeometry.offset has the same value and is drawn"]
+        return [f"{name} is not varied, because RudderGeometry.offset has the same value and is varied"]
     if name == "thrust.by_angle":
-        return [f"{name} is not drawn for each rudder angle: the fan's effectiveness is drawn once for all angles"]
-    return [f"{name} is not drawn: the world of this scenario has no such setting"]
+        return [
+            f"{name} is not varied for each rudder angle: the fan's effectiveness is varied, equally for all angles"
+        ]
+    return [f"{name} is not varied: the world of this scenario has no such setting"]
 
 
 def _correlations(calibration: Calibration, owner: Mapping[str, str]) -> list[tuple[str, str, float]]:
@@ -152,13 +154,13 @@ def _reverse(scenario: Scenario, calibration: Calibration) -> tuple[dict[str, li
         return {}, ""
     drives = [path for path, r in records(scenario) if isinstance(r, FanDrive) and path.startswith("world.")]
     if not drives:
-        return {}, f"{REVERSE} is not drawn: the world of this scenario has no such setting"
+        return {}, f"{REVERSE} is not varied: the world of this scenario has no such setting"
     names = [index_name(REVERSE, (i,)) for i in range(len(entry.value))]
     P = joint_covariance(calibration, names)
     texts = _along(_square_root(P))
     note = (
-        f"{REVERSE} is drawn along {len(texts)} eigenvectors of its covariance; coefficients whose thrust does not "
-        "rise with speed are moved towards the calibrated ones"
+        f"{REVERSE} is varied along {len(texts)} eigenvectors of its covariance; if the thrust does not rise with fan "
+        "speed, its coefficients are moved towards the calibrated values"
     )
     return {f"{path}.thruster.reverse_ratio": texts for path in drives}, note
 
@@ -173,12 +175,12 @@ def _latency(known: Mapping[str, Any], calibration: Calibration, link: str) -> t
         return {}, ""
     if path not in known:
         measured = argument("settings", "measured", "links")
-        return {}, f"{names[0]} and {names[1]} are not drawn: this scenario has no {path}. Try {measured}"
+        return {}, f"{names[0]} and {names[1]} are not varied: this scenario has no {path}. Try {measured}"
     if names[1] not in entries or f"{link}.shift" not in entries:
-        return {}, f"{path} is not drawn: the file lacks {link}.shift. Calibrate the link again"
+        return {}, f"{path} is not varied: the calibration file has no {link}.shift. Calibrate the link again"
     mean, sd, shift = (float(entries[n].value) for n in (*names, f"{link}.shift"))
     if not np.allclose(known[path][0], gamma_table(mean, sd, shift), rtol=1e-6):
-        return {}, f"{path} is not drawn: it differs from the table for {names[0]} and {names[1]} of the calibration"
+        return {}, f"{path} is not varied: it differs from the table for {names[0]} and {names[1]} of the calibration"
     h = 1e-4 * sd
     toward_mean = (gamma_table(mean + h, sd, shift) - gamma_table(mean - h, sd, shift)) / (2 * h)
     toward_sd = (gamma_table(mean, sd + h, shift) - gamma_table(mean, sd - h, shift)) / (2 * h)

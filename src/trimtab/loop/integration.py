@@ -34,13 +34,14 @@ error."""
 
 @record
 class IntegrationReport:
-    """Diagnostics of the integrator since the last instant of the run. Source: docs page, Integration."""
+    """Diagnostics of the integrator since the previous instant of the run. Source: docs page, Integration."""
 
     integration_error: Scalar = quantity(
-        "1", "Largest estimated error of an integration step since the last instant, as a fraction of the tolerance."
+        "1",
+        "Largest estimated error of an integration step since the previous instant, as a fraction of the tolerance.",
     )
     steps: Scalar = quantity(
-        "1", "Number of integration steps since the last instant, including rejected steps.", kind="count"
+        "1", "Number of integration steps since the previous instant, including rejected steps.", kind="count"
     )
     step: Scalar = quantity("s", "Length of the next trial step of the integration.")
     events: Scalar = quantity(
@@ -49,7 +50,7 @@ class IntegrationReport:
         kind="count",
     )
     crowded: Scalar = quantity(
-        "1", "True if more events occurred since the last instant than `most_events`.", kind="flag"
+        "1", "True if more events occurred since the previous instant than `most_events`.", kind="flag"
     )
 
 

@@ -314,9 +314,10 @@ class _Online:
         return self._slide((value,), width, (none,), lambda a, b: (extreme(a[0], b[0]),))[0]
 
     def _slide(self, now: tuple[Any, ...], width: int, none: tuple[float, ...], combine: Any) -> tuple[Any, ...]:
-        """Return the combination of the values of the last `width` rows.
+        """Return the value for the window of the last `width` rows, from the values `now` for the present row.
 
-        combine: function of the values for two windows of rows. Its result must be right also if the windows overlap.
+        combine: function that returns the value for a window of rows from the values for two shorter windows that
+        together cover the window. The result must be correct also if the two shorter windows overlap.
         """
         length = 1
         while length < width:

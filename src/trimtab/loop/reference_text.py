@@ -1,7 +1,7 @@
 """Reference paths written as text, as after ``--reference``: parsing, and use in a scenario.
 
-circle(radius=1.5, period=20 s)             parameters of the record Circle, with or without a unit
-eight(length=5, width=150 cm)               parameters of the record FigureEight, with or without a unit
+circle(radius=1.5, period=20 s)             parameters of the class Circle, with or without units
+eight(length=5, width=150 cm)               parameters of the class FigureEight, with or without units
 waypoints(0 0, 3 0, 3 3 0.3; speed=0.4)     north and east (m) of each way-point. An optional third number is the speed
                                             (m/s) on the leg that ends at this way-point.
 places(0 s: 0 0, 2 s: 1 0, …)               time, north and east (m) of each position, and optionally heading (rad)
@@ -68,8 +68,7 @@ def parse_reference(text: str) -> Any:
 
 def plain_text(text: str) -> str:
     """Return the text of a reference path. The name of a file is replaced by the positions in the file, as text.
-
-    So a replay does not need the file.
+    Therefore a replay does not need the file.
     """
     if not text.endswith(".csv"):
         return text
@@ -115,9 +114,10 @@ def start_pose(path: Reference, arm: float) -> tuple[float, float, float]:
 
 
 def _parse_shape(shape: Any, inside: str) -> Any:
-    """Return the record of a path shape (Circle or FigureEight).
+    """Return the reference path of a shape with given parameters.
 
-    inside: text of the parameters, e.g. ``radius=1.5, period=20 s``.
+    shape: class of the path, Circle or FigureEight.
+    inside: text between the brackets, e.g. ``radius=1.5, period=20 s``.
     """
     fields, declared = {}, declarations(shape)
     for item in filter(None, (piece.strip() for piece in inside.split(","))):

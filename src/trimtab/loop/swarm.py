@@ -35,7 +35,7 @@ class Each:
 
     @property
     def period(self) -> int:
-        """Return the period of the part."""
+        """Return the period (unit: 100 ns) at which the copies of the part are updated."""
         return self.one.period
 
     @property

@@ -36,7 +36,7 @@ class Signals:
     actuators: Any = part("Output of the actuators.")
     supervisor: Any = part("Output of the supervisor, or empty without a supervisor.", default=())
     world: Any = part(
-        "Diagnostics of the integrator since the last instant, or empty for the default integrator.", default=()
+        "Diagnostics of the integrator since the previous instant, or empty for the default integrator.", default=()
     )
     predictor: Any = part("Output of the predictor, or empty without a predictor.", default=())
     monitor: Any = part("Output of the monitor for each formula, or empty without a monitor.", default=())

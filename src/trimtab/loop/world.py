@@ -48,7 +48,7 @@ class WorldState:
     actuated: Any = part("Last output of the actuators.")
     u: Any = part("Input of the vehicle, i.e. the field u of the actuators' last output.")
     integrated: Any = part(
-        "Diagnostics of the integrator since the last instant, or empty for the default integrator.", default=()
+        "Diagnostics of the integrator since the previous instant, or empty for the default integrator.", default=()
     )
     turbulence: Any = part("State of the turbulence.", default=())
     gust: Any = part("Gust velocity at the vehicle due to turbulence.", default=())

@@ -231,7 +231,11 @@ def _draw_panel(axes: Any, panel: Panel, real: Log, ideal: Log | None, targets: 
         axes.axhspan(value - band, value + band, color=GREEN, alpha=0.16, lw=0)
         axes.axhline(value, color=GREEN, lw=1, ls="--")
         settling = metrics(real, [target], [target.path])[target.path]["settling_s"]
-        said = "not in its band at the end" if settling is None else f"in its band from {settling:.3g} s on"
+        said = (
+            "outside the target band at the end"
+            if settling is None
+            else f"within the target band from {settling:.3g} s on"
+        )
         colour = VERMILION if settling is None else GREEN
         box = {"facecolor": "white", "alpha": 0.85, "lw": 0, "pad": 1.5}
         axes.text(0.99, 0.05, said, transform=axes.transAxes, color=colour, ha="right", fontsize=8, bbox=box, zorder=5)

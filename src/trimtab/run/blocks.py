@@ -85,7 +85,7 @@ class WorldOutput:
     sensors: Any = part("Last sample of each sensor at this instant.")
     downlink: Any = part("Newest sample of each sensor that the autopilot has received at this instant.")
     uplink: Any = part("Newest command that the actuators had received at the last instant.")
-    actuators: Any = part("Output of the actuators since the last instant.")
+    actuators: Any = part("Output of the actuators since the previous instant.")
     gust: Any = part(
         "Gust velocity at the vehicle due to turbulence, at this instant, or empty without turbulence.", default=()
     )

@@ -150,7 +150,7 @@ def read_scenario_file(name: str, chain: tuple[str, ...] = ()) -> ScenarioFile:
 def _on_base(file: ScenarioFile, where: str, chain: tuple[str, ...]) -> ScenarioFile:
     """Return a scenario file combined with its base if the base is a scenario file too, else the file unchanged."""
     if ":" in file.base or file.base.endswith(".py"):
-        problem = f"{file.base!r} is a Python file, but a scenario file must not run code"
+        problem = f"must not be a Python file ({file.base!r}), because a scenario file must not run code"
         raise InputError(where, problem, fix='base = "hovercraft/spin", or another file, "NAME.toml"')
     if not file.base.endswith(TOML):
         return file

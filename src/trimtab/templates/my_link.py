@@ -34,7 +34,7 @@ class MyLink:  # its fields are settings: --set world.uplink.loss=0.3
     period: int = period("Time between packets.", default=ms(20))
 
     def init(self, key: Key, like: Sample) -> MyLinkState:
-        """Return the initial state, without packets. like: example of a sample of a sensor or a command."""
+        """Return the initial state, with no packets in transit. like: example of a sample to transmit."""
         values, times = empty_slots(like.value, self.steps), np.full(self.steps, NEVER, np.int64)
         return MyLinkState(key, values, times, like.value, np.int64(NEVER))
 

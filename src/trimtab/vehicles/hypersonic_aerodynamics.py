@@ -106,7 +106,7 @@ class Aerodynamics:
 
 @record
 class Propulsion:
-    """Thrust of the air-breathing engine: cubic in the angle of attack, affine in the fuel equivalence ratio.
+    """Thrust of the air-breathing engine: cubic in the angle of attack al, affine in the fuel equivalence ratio Phi.
 
         T = T0 + TP Phi      TP = b1 al^3 + b3 al^2 + b5 al + b7      T0 = b2 al^3 + b4 al^2 + b6 al + b8
 
@@ -118,28 +118,38 @@ class Propulsion:
 
     zT: Scalar = quantity("ft", "Arm of the thrust about the centre of mass.", default=8.36, source="[1], [2]")
     b1: Scalar = quantity(
-        "lbf/ft", "Coefficient b1 of thrust per angle of attack cubed and fuel ratio.", default=-3.7693e5, source=THRUST
+        "lbf/ft",
+        "Coefficient b1 in the thrust term b1 al^3 Phi (angle of attack al, fuel ratio Phi).",
+        default=-3.7693e5,
+        source=THRUST,
     )
     b2: Scalar = quantity(
-        "lbf/ft", "Coefficient b2 of thrust per angle of attack cubed.", default=-3.7225e4, source=THRUST
+        "lbf/ft", "Coefficient b2 in the thrust term b2 al^3 (angle of attack al).", default=-3.7225e4, source=THRUST
     )
     b3: Scalar = quantity(
         "lbf/ft",
-        "Coefficient b3 of thrust per angle of attack squared and fuel ratio.",
+        "Coefficient b3 in the thrust term b3 al^2 Phi (angle of attack al, fuel ratio Phi).",
         default=2.6814e4,
         source=THRUST,
     )
     b4: Scalar = quantity(
-        "lbf/ft", "Coefficient b4 of thrust per angle of attack squared.", default=-1.7277e4, source=THRUST
+        "lbf/ft", "Coefficient b4 in the thrust term b4 al^2 (angle of attack al).", default=-1.7277e4, source=THRUST
     )
     b5: Scalar = quantity(
-        "lbf/ft", "Coefficient b5 of thrust per angle of attack and fuel ratio.", default=3.5542e4, source=THRUST
+        "lbf/ft",
+        "Coefficient b5 in the thrust term b5 al Phi (angle of attack al, fuel ratio Phi).",
+        default=3.5542e4,
+        source=THRUST,
     )
-    b6: Scalar = quantity("lbf/ft", "Coefficient b6 of thrust per angle of attack.", default=-2.4216e3, source=THRUST)
-    b7: Scalar = quantity("lbf/ft", "Coefficient b7 of thrust per fuel ratio.", default=6.3785e3, source=THRUST)
+    b6: Scalar = quantity(
+        "lbf/ft", "Coefficient b6 in the thrust term b6 al (angle of attack al).", default=-2.4216e3, source=THRUST
+    )
+    b7: Scalar = quantity(
+        "lbf/ft", "Coefficient b7 in the thrust term b7 Phi (fuel ratio Phi).", default=6.3785e3, source=THRUST
+    )
     b8: Scalar = quantity(
         "lbf/ft",
-        "Coefficient b8 of thrust that does not depend on angle of attack or fuel ratio.",
+        "Thrust b8 at zero angle of attack and zero fuel ratio.",
         default=-1.0090e2,
         source=THRUST,
     )

@@ -13,7 +13,7 @@ from trimtab.core.signals import Motion
 from trimtab.environment.wind import Wind
 
 SHORTEST_LAG = 0.005
-"""Smallest time constant (s) used for the state `rotor_speed`. If `lag` is 0, commanded rotor speeds act at once."""
+"""Smallest time constant (s) used for the state `rotor_speed`. If `lag` is 0, rotor speeds follow commands at once."""
 
 
 @record
@@ -58,9 +58,11 @@ class Rotors:
 
     All rotors thrust against the body's z axis.
 
-        T = k w |w|        Q = -s c T about z: moment on the body due to the rotor's own rotation
+        T = k w |w|        Q = -s c T
 
-    Frames:  positions in B from the centre of mass; s = +1 for rotation about +z: clockwise from above.
+    w: speed of a rotor.  T: thrust of the rotor.  Q: moment about z on the body due to the rotor's rotation.
+
+    Frames:  positions in B from the centre of mass; s = +1 for rotation about +z (clockwise from above), else -1.
     Valid:   near hover. Not modelled: inflow, ground effect, flapping (except for its drag), interference of wakes.
     Source:  [1] T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010,
              sections II and V for positions, directions of rotation and c. The thrust coefficient is our own choice.
@@ -127,11 +129,14 @@ class Multirotor:
     Position and yaw can be controlled, but tilt cannot be controlled independently.
 
         p' = v      m v' = m g e3 - T R e3 - R D R.T (v - wind)      q' = q (0, w)/2
-        J w' = M - w × (J w + h e3) - D_w w      w_i' = (u_i - w_i)/lag
+        J w' = M - w × (J w + h e3) - D_w w      omega_i' = (u_i - omega_i)/lag
 
-    T, M are thrust and moment of the rotors, h is their angular momentum. The defaults are the quadrotor of [1], which
-    has no drag, no lag and no angular momentum of the rotors. The torque ratio c printed in [1] gives little yaw
-    moment.
+    p, v: position and velocity in W.  q, R: attitude as quaternion and as matrix.  w: angular rate in B.  omega_i,
+    u_i: actual and commanded speed of rotor i.  T, M, h: thrust, moment and angular momentum of all rotors.
+    D, D_w: coefficients of drag and of rotational damping.
+
+    The defaults are those of the quadrotor of [1], which has no drag, no lag and no angular momentum of the rotors. The
+    torque ratio c is the value printed in [1]. With this small value, the yaw moment is small.
 
     Frames:  W north-east-down, flat ground; B at the centre of mass, x forward, y starboard, z down.
     Valid:   constant gravity and air density. Not modelled: ground, reaction torque of a change of rotor speed.

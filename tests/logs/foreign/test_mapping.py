@@ -12,7 +12,7 @@ WRONG_MAPPINGS = {
     "key": ({"sensors": {}}, r"unknown key 'sensors'(.|\n)*write sensor"),
     "section": ({"sensor": {"imu": 3}}, r"the value must be a table"),
     "field": ({"sensor": {"imu": {"fields": {"w": {"column": "x"}}}}}, r"unknown key 'column'(.|\n)*from, unit"),
-    "source": ({"sensor": {"imu": {"fields": {"w": {"unit": "m"}}}}}, r"does not name a source"),
+    "source": ({"sensor": {"imu": {"fields": {"w": {"unit": "m"}}}}}, r"must name the log columns"),
     "unit": (
         {"sensor": {"imu": {"fields": {"w": gyro("x", "degs/s")}}}},
         r"\[sensor.imu\], w, unit: unknown unit 'degs/s'",

@@ -60,8 +60,8 @@ def _replaceable(operands: list[Array], dying: list[bool]) -> list[Buffer]:
 
 
 def _is_zero(b: Builder, which: Value) -> Value:
-    """Return the test that the first of two branches is taken. No code is needed if the index was converted from a
-    bool."""
+    """Return the condition for taking the first of two branches. No comparison is needed if the branch index was
+    converted from a bool."""
     if which.op == "convert" and which.args[0].dtype == "bool":
         return b.op("not", which.args[0], dtype="bool")
     return b.op("le", which, b.const(0, which.dtype), dtype="bool")
@@ -147,7 +147,7 @@ class LoopCarries:
         self.values = [v for a, held in free if held is None for v in element_list(b, a)]
 
     def arrays(self, flat: list[Value]) -> list[Array]:
-        """Return the carried arrays. flat: values of all small arrays, one after the other."""
+        """Return the arrays that the loop carries. flat: elements of the carried arrays without a buffer, in order."""
         rest = iter(flat)
         found = []
         for a, buffer in zip(self.like, self.buffers, strict=True):
@@ -155,7 +155,7 @@ class LoopCarries:
         return found
 
     def close_iteration(self, nexts: list[Array]) -> list[Value]:
-        """End an iteration: write large results to their buffers, and return the values of the small results."""
+        """End an iteration: write the results to the buffers, and return the elements of results without a buffer."""
         b = self.b
         flat = [v for a, held in zip(nexts, self.buffers, strict=True) if held is None for v in element_list(b, a)]
         moves = []

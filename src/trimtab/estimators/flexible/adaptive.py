@@ -3,7 +3,7 @@
 A single filter with eta and the frequencies in one state becomes overconfident. At rest eta_i = N_i/w_i^2: the
 accelerometer measures only w_i^2 eta_i, so all pairs (eta_i, w_i) on a curve explain the measurement equally well. The
 estimate of a linearised filter moves with the noise, and the filter uses another tangent of that curve at each step.
-The filter's covariance therefore shrinks along the curve without information. In stretched displacements
+The filter's covariance therefore shrinks along the curve without information. In the scaled displacements
 
     s_i = (w_i/w_i0)^2 eta_i        s_i' = (w_i/w_i0)^2 eta_i'        lam_i = ln(w_i/w_i0)
 
@@ -117,8 +117,11 @@ def disturbance_direction(craft: Hypersonic, x: Any) -> Any:
 
 
 def unstretch(x: Any, P: Any) -> tuple[Any, Any]:
-    """Return (eta1, eta1', eta2, eta2', lam1, lam2) and its covariance (6, 6), to first order, from the state x and
-    covariance P in stretched displacements."""
+    """Return the vector (eta1, eta1', eta2, eta2', lam1, lam2) and its covariance (6, 6), to first order.
+
+    x: state (s1, s1', s2, s2', lam1, lam2) of the filter, with the scaled displacements s_i = (w_i/w_i0)^2 eta_i.
+    P: covariance of x.
+    """
     soft = 1 / stretch_factors(x)
     eta = soft * x[:4]
     top = jnp.concatenate([jnp.eye(4) * soft, -2 * eta[:, None] * OF_MODE], axis=1)

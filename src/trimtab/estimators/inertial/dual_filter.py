@@ -103,13 +103,14 @@ class InertialNoise:
         return jnp.zeros_like(dt) if self.covariance == "literal" else dt
 
     def heading_noise(self, variance: Any) -> Any:
-        """Return the noise variance R (1, 1) of a heading: the given variance if it is above 0, else the default."""
+        """Return the noise variance R (1, 1) of a heading: the given variance if above 0, else the field `heading`."""
         return jnp.reshape(jnp.where(variance > 0, variance, self.heading), (1, 1))
 
     def position_noise(self, variance: Any) -> Any:
         """Return the noise covariance R (2, 2) of a position fix.
 
-        variance: variance or covariance (2, 2) of the fix. If it is not above 0, the default is returned.
+        variance: variance of both coordinates of the fix, or their covariance (2, 2). If the variance of north is not
+        above 0, both coordinates have the variance in the field `position`.
         """
         own = variance if np.ndim(variance) == 2 else variance * jnp.eye(2)
         return jnp.where(own[0, 0] > 0, own, self.position * jnp.eye(2))

@@ -185,8 +185,8 @@ class Stamps:
         self._raise_to(max(self.last, stamp))
 
     def _forget_oldest(self) -> None:
-        """Forget the stream whose newest stamp is oldest. From then on, packets of this stream are refused as stale, so
-        they cannot be replayed."""
+        """Delete the record of the stream whose latest accepted stamp is smallest. Packets of any stream with this or a
+        smaller stamp are refused as stale from then on, so the packets of the deleted stream cannot be replayed."""
         oldest = min(self._streams, key=lambda stream: self._streams[stream].newest)
         self._floor = max(self._floor, self._streams.pop(oldest).newest)
 

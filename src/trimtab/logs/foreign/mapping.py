@@ -185,7 +185,7 @@ def _parse_field(where: str, table: Mapping[str, Any]) -> FieldMap:
         problem = (
             f"has {' and '.join(sources)}, but must have only one of these keys"
             if sources
-            else "does not name a source of the values"
+            else "must name the log columns, or the constant, that contain the values"
         )
         raise InputError(where, problem, choices=SOURCES, fix=f"use one of these keys, e.g. {EXAMPLE}")
     source = table.get("from", table.get("quaternion", []))

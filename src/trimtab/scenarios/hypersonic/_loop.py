@@ -121,9 +121,11 @@ def continuous_loop(plant: Hypersonic, assumed: Hypersonic, K: Any, L: Any, at: 
 
 
 def input_slope(assumed: Hypersonic, K: Any, at: LevelTrim) -> Any:
-    """Return the derivative of the inputs (Phi, delta_e) by tracking errors and estimation errors, (2, 13) or (2, 15).
+    """Return the derivative of the inputs (Phi, delta_e) by tracking errors and estimation errors, as a matrix.
 
-    The columns are one tracking error per column of K, then the four estimation errors of the modes.
+    The shape is (2, 13), or (2, 15) if the gain matrix K has columns for the integrals of the errors of h and V. The
+    first 9 or 11 columns belong to the tracking errors, in the order of the columns of K. The last four columns belong
+    to the estimation errors of the modal states.
     """
     return np.asarray(_differentiate_input(assumed, np.asarray(K), at, np.zeros(np.shape(K)[1] + 4)))
 

@@ -84,7 +84,7 @@ class Round(NamedTuple):
 
     sums: (BATCHES,), number of failing descendants in each batch.  failing_roots: number of roots with a failing
     descendant.  survivors, taken: as in `RareResult`.  flown: number of runs.  worst, likeliest: normal numbers z,
-    words and margin of two failures, or empty.
+    words and margin of the worst and of the likeliest failure, or an empty list without a failure.
     """
 
     sums: list[int]
@@ -97,7 +97,7 @@ class Round(NamedTuple):
 
 
 class RareResult(NamedTuple):
-    """Probability of a failure with its confidence interval, and two failures.
+    """Probability of a failure with its confidence interval, the worst failure and the likeliest failure.
 
     ladder: levels and step sizes of the splitting.  roots: total number of roots.  failing_roots: number of roots with
     a failing descendant.  survivors: (K,), number of points below each level.  taken: (K - 1,), share of accepted steps
