@@ -14,7 +14,7 @@ from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.station.parameters import Parameters
 from trimtab.flight.station.standard_services import Station
 from trimtab.flight.transports.open_link import open_link
-from trimtab.loop.faults import WORDS
+from trimtab.loop.faults import KINDS
 from trimtab.scenarios import catalogue
 
 NAME = "hovercraft/forward"
@@ -28,7 +28,7 @@ def test_fault_values_are_formatted_with_their_unit():
     assert format_value(start, float(seconds(6) + 2841735)) == "6284.1735 ms"
     assert format_value(duration, float(seconds(2))) == "2 s"
     assert format_value(duration, float(FOREVER)) == "until the end"
-    assert format_value(word, float(WORDS.index("off"))) == "off"
+    assert format_value(word, float(KINDS.index("off"))) == "off"
 
 
 class Played:
@@ -85,7 +85,7 @@ def test_fault_starts_relative_to_now_and_its_kind_is_set_last(played):
     before = "world.sensors.navigation.fault."
     assert found[f"{before}start"] == pytest.approx(NOW + seconds(2), rel=1e-7)
     assert found[f"{before}duration"] == seconds("0.5")
-    assert found[f"{before}kind"] == WORDS.index("stuck")
+    assert found[f"{before}kind"] == KINDS.index("stuck")
     assert order[-1] == f"{before}kind"
     assert set(order) == {f"{before}{n}" for n in ("start", "duration", "kind")}  # the others stay as they are
     assert json.loads(done.stdout) == {
@@ -101,7 +101,7 @@ def test_lost_requests_are_repeated(played):
     played.loses = 2
     done = inject("uplink off")
     assert done.exit_code == 0, done.output
-    assert numbers(played)[0]["world.uplink.fault.kind"] == WORDS.index("off")
+    assert numbers(played)[0]["world.uplink.fault.kind"] == KINDS.index("off")
     assert "uplink off: from 123 s on, until the end" in done.stdout
 
 

@@ -14,7 +14,7 @@ from trimtab.flight.mavlink.endpoint import Endpoint, FrameCounts
 from trimtab.flight.prearm import ArmingGuard, FrameLoss
 from trimtab.flight.transports.open_link import open_link
 from trimtab.flight.vehicle import LiveVehicle
-from trimtab.loop.faults import WORDS
+from trimtab.loop.faults import KINDS
 from trimtab.loop.vehicle_limits import VehicleLimits
 from trimtab.scenarios import catalogue
 
@@ -36,7 +36,7 @@ class Craft:
         self.guard = ArmingGuard(self.body, VehicleLimits(**limits), rules, self.counts, silence)
 
     def set_fault(self, word):
-        self.body.world.parameters[WORD].flat[0] = WORDS.index(word)
+        self.body.world.parameters[WORD].flat[0] = KINDS.index(word)
 
     def run(self, duration, mode="disarmed"):
         """Advance the time. The vehicle is held, so that it keeps sliding and turning."""

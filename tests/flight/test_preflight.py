@@ -16,7 +16,7 @@ from trimtab.flight.mavlink.stamps import running_clock
 from trimtab.flight.station.arming import ArmingCheck, pack_checks
 from trimtab.flight.station.parameters import Parameters
 from trimtab.flight.transports.open_link import open_link
-from trimtab.loop.faults import WORDS
+from trimtab.loop.faults import KINDS
 from trimtab.scenarios.build import build
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
@@ -121,7 +121,7 @@ def test_arming_without_sensor_is_refused_and_reported_everywhere():
     def serve(machine):
         vehicle = pair.make_vehicle(machine, add_idle_faults(scenario))
         assert vehicle.parts.station.status.arming_problem == "the checks have not run yet"
-        vehicle.body.world.parameters["world.sensors.navigation.fault.kind"].flat[0] = WORDS.index("off")
+        vehicle.body.world.parameters["world.sensors.navigation.fault.kind"].flat[0] = KINDS.index("off")
         return vehicle.serve(log=LOG, stop=pair.has_autopilot_ended, tell=pair.told.append)
 
     pair.serving = pair.there.start(serve)

@@ -17,7 +17,7 @@ from trimtab.core.signals import Motion, PlanarForce, Sample, new_sample
 from trimtab.core.time import ms, seconds
 from trimtab.links.wire import Wire
 from trimtab.loop.fault_text import add_dormant_faults, fault_locations, inject_faults, parse_fault, watchable_paths
-from trimtab.loop.faults import WORDS, Fault, FaultyActuators, FaultyChannel, FaultySensor
+from trimtab.loop.faults import KINDS, Fault, FaultyActuators, FaultyChannel, FaultySensor
 from trimtab.loop.structure import strengthen_types
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
@@ -61,7 +61,7 @@ def motion(t):
 
 def fault(word, severity=1.0, **more):
     told = {"start": START * STEP, "duration": (END - START) * STEP} | more
-    return Fault(kind=WORDS.index(word), severity=severity, **told)
+    return Fault(kind=KINDS.index(word), severity=severity, **told)
 
 
 @functools.partial(jax.jit, static_argnums=(1, 2))
@@ -276,7 +276,7 @@ def test_fault_kind_changes_at_run_time_without_recompiling():
     state = strengthen_types(sensor.init(key(0)))
     for k in range(30):
         word, severity = ("none", 1.0) if k < 10 else ("wrong", 1.0) if k < 20 else ("delayed", 0.05)
-        now = replace(sensor, fault=replace(sensor.fault, kind=np.int32(WORDS.index(word)), severity=severity))
+        now = replace(sensor, fault=replace(sensor.fault, kind=np.int32(KINDS.index(word)), severity=severity))
         state, out = step(to_arrays(now), np.int64(k * STEP), state)
         expected = 100 + k if k < 10 else 2 * (100 + k) if k < 20 else 2 * 119 if k < 25 else 100 + k - 5
         assert float(out.value.distance) == expected, k
@@ -297,7 +297,7 @@ def test_fault_kind_changes_at_run_time_without_recompiling():
 def test_compiled_c_faults_match_jax(part, given, carried):
     part = to_arrays(part)
     compiled = compile(lambda part: _scanned.__wrapped__(part, given, carried), part)
-    for word in WORDS:
+    for word in KINDS:
         now = to_arrays(replace(part, fault=fault(word, 0.2)))
         for a, b in zip(jax.tree.leaves(_scanned(now, given, carried)), jax.tree.leaves(compiled(now)), strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12, err_msg=word)

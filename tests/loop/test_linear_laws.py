@@ -17,7 +17,7 @@ from trimtab.design.certificate_file import certificate_json
 from trimtab.design.coordinates import error_model
 from trimtab.design.linearise import linearise
 from trimtab.loop.linear_laws import compensator_law, feedback_law, read_feedback
-from trimtab.loop.model_mismatch import belief_mismatches
+from trimtab.loop.model_mismatch import model_mismatches
 
 
 @pytest.fixture(scope="module")
@@ -67,11 +67,11 @@ def test_feedback_balances_the_cart_and_returns_it():
 def test_reports_mismatch_between_law_model_and_vehicle():
     flown = scenario()
     heavier = replace(flown.world, vehicle=Cart(bob=0.3))
-    (one,) = belief_mismatches(flown.autopilot, heavier.vehicle)
+    (one,) = model_mismatches(flown.autopilot, heavier.vehicle)
     assert (one.path, one.assumed, one.actual) == ("bob", "0.1", "0.3")
     other = scenario(Cart(bob=0.3))
     assert not np.allclose(other.autopilot.law.K, flown.autopilot.law.K)
-    assert belief_mismatches(other.autopilot, heavier.vehicle) == []
+    assert model_mismatches(other.autopilot, heavier.vehicle) == []
 
 
 @pytest.mark.thorough

@@ -9,7 +9,7 @@ from trimtab.analysis.campaign.campaign import Campaign
 from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
-from trimtab.loop.model_mismatch import belief_mismatches, check_beliefs, describe_mismatches, vehicle_copies
+from trimtab.loop.model_mismatch import check_models, describe_mismatches, model_mismatches, vehicle_copies
 from trimtab.run.program import describe_scenario
 from trimtab.scenarios.build import build
 
@@ -18,7 +18,7 @@ PREVIEW = {"internal": "preview"}
 
 
 def mismatches(scenario):
-    return belief_mismatches(scenario.autopilot, scenario.world.vehicle)
+    return model_mismatches(scenario.autopilot, scenario.world.vehicle)
 
 
 @pytest.mark.thorough
@@ -96,7 +96,7 @@ def test_nan_model_value_is_reported_as_not_finite():
 
 def test_autopilot_without_model_copies_has_no_mismatch():
     scenario = build("navigation/still")
-    check_beliefs(scenario.autopilot, scenario.world.vehicle)
+    check_models(scenario.autopilot, scenario.world.vehicle)
     assert describe_mismatches([]) == ""
 
 
@@ -109,7 +109,7 @@ def test_long_mismatch_list_is_shortened_with_a_count():
         craft, modes=modes, forces=replace(craft.forces, aerodynamics=replace(craft.forces.aerodynamics, **air))
     )
     scenario = build(CLIMB)
-    line = describe_mismatches([m._asdict() for m in belief_mismatches(scenario.autopilot, plant)])
+    line = describe_mismatches([m._asdict() for m in model_mismatches(scenario.autopilot, plant)])
     assert line.endswith(" and 1 more (intended)")
 
 

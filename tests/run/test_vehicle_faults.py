@@ -13,7 +13,7 @@ from trimtab.flight.mavlink.protocol import ArmRequest
 from trimtab.flight.station.parameters import Parameters
 from trimtab.links.wire import Wire
 from trimtab.loop.fault_text import inject_faults
-from trimtab.loop.faults import WORDS, FaultyChannel
+from trimtab.loop.faults import KINDS, FaultyChannel
 from trimtab.run.blocks import choose_failsafe, compile_world, replace_links, uplink_block
 from trimtab.scenarios import catalogue
 
@@ -41,7 +41,7 @@ def driven(parts, step, word, severity=1.0):
     bare, world, command = parts
     if step is not None:
         step.reset()
-        fault = {"kind": WORDS.index(word), "start": ms(500), "duration": ms(500), "severity": severity}
+        fault = {"kind": KINDS.index(word), "start": ms(500), "duration": ms(500), "severity": severity}
         for name, value in fault.items():
             step.parameters[f"uplink.fault.{name}"][...] = value
     duties = Duties(choose_failsafe(bare, command), command, world, step)
@@ -94,7 +94,7 @@ def test_command_line_faults_are_kept_on_a_real_link(scenario):
     """Regression: the faults were lost with the simulated channels that they wrapped."""
     both = replace_links(inject_faults(scenario, ["uplink delayed by 0.3 @ 1 s", "downlink off @ 2 s"]))
     for channel, word in ((both.world.uplink, "delayed"), (both.world.downlink, "off")):
-        assert WORDS[int(channel.fault.kind)] == word
+        assert KINDS[int(channel.fault.kind)] == word
         assert isinstance(channel.inner, Wire)
         channel.check()
     assert isinstance(replace_links(scenario).world.uplink, Wire)
@@ -112,4 +112,4 @@ def test_fault_plan_names_existing_vehicle_parameters(scenario):
         "bias",
         "kind",
     ]
-    assert list(plan.values.values()) == [0.0, 2e7, 0.25, 0.0, WORDS.index("wrong")]
+    assert list(plan.values.values()) == [0.0, 2e7, 0.25, 0.0, KINDS.index("wrong")]

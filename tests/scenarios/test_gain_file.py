@@ -11,7 +11,7 @@ from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.design.certificate_file import certificate_json, read_certificate
 from trimtab.logs.mcap import read_mcap
-from trimtab.loop.model_mismatch import belief_mismatches
+from trimtab.loop.model_mismatch import model_mismatches
 from trimtab.scenarios.catalogue import GAIN
 from trimtab.scenarios.recorded import rebuild_scenario
 
@@ -71,7 +71,7 @@ def test_the_law_assumes_the_vehicle_of_its_design(folder):
     file = design(folder, CART[0], "--assume", "world.vehicle.pole_mass=0.15")
     name, settings = CART
     scenario = build(name, {**settings, GAIN: str(file), "world.vehicle.pole_mass": "0.2"})
-    told = [m for m in belief_mismatches(scenario.autopilot, scenario.world.vehicle) if m.path == "pole_mass"]
+    told = [m for m in model_mismatches(scenario.autopilot, scenario.world.vehicle) if m.path == "pole_mass"]
     assert [(m.assumed, m.actual) for m in told] == [("0.15", "0.2")]
     short = design(folder, CART[0], "--assume", "pole_mass=0.15")
     np.testing.assert_array_equal(read_certificate(file)[0].K, read_certificate(short)[0].K)

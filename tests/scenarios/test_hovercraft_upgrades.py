@@ -6,7 +6,7 @@ import pytest
 from trimtab.core.record import leaves
 from trimtab.core.signals import PlanarForce, new_sample
 from trimtab.core.time import ms, seconds
-from trimtab.loop.model_mismatch import belief_mismatches, vehicle_copies
+from trimtab.loop.model_mismatch import model_mismatches, vehicle_copies
 from trimtab.run.simulate import simulate, simulate_batch
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
@@ -30,7 +30,7 @@ def test_lighter_craft_is_modelled_everywhere_with_same_gyration_radius(name):
     vehicle = lighter.world.vehicle
     assert float(vehicle.mass) == pytest.approx(2.6 - 0.5 * 0.45359237)
     assert float(vehicle.percussion_arm) == pytest.approx(float(own.world.vehicle.percussion_arm))
-    assert belief_mismatches(lighter.autopilot, vehicle) == []
+    assert model_mismatches(lighter.autopilot, vehicle) == []
     assert len(vehicle_copies(lighter.autopilot, vehicle)) == len(vehicle_copies(own.autopilot, own.world.vehicle))
     others = {p for p in changed_paths(own, lighter) if not p.endswith((".mass", ".inertia"))}
     assert others <= {"autopilot.law.reference"}

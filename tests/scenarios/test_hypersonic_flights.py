@@ -10,7 +10,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.laws.path_command import FilteredClimb
-from trimtab.loop.model_mismatch import belief_mismatches
+from trimtab.loop.model_mismatch import model_mismatches
 from trimtab.run.simulate import simulate, simulate_batch
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
@@ -170,8 +170,8 @@ def test_gain_filter_law_and_table_use_the_assumed_vehicle(integral):
         hypersonic_scenario("mine", climb, 30.0, plant=heavy, integral=integral, **more)
         for more in ({}, {"assumed": heavy})
     )
-    assert belief_mismatches(alike.autopilot, alike.world.vehicle) == []
-    assert [m.path for m in belief_mismatches(apart.autopilot, apart.world.vehicle)] == ["m"]
+    assert model_mismatches(alike.autopilot, alike.world.vehicle) == []
+    assert [m.path for m in model_mismatches(apart.autopilot, apart.world.vehicle)] == ["m"]
     assert not np.allclose(alike.autopilot.law.K, apart.autopilot.law.K, rtol=1e-3)
     alike.check()
     off = [np.abs(simulate(s, log_period=ms(100))["law.h_error"][-50:]).max() for s in (apart, alike)]

@@ -87,10 +87,10 @@ def print_settings(
     known.
     """
     from trimtab.core.record import absent_parts, leaves  # imports numpy, which a list of names does not need
-    from trimtab.loop.model_mismatch import belief_mismatches, describe_mismatches
+    from trimtab.loop.model_mismatch import describe_mismatches, model_mismatches
 
     faults = sorted(scenario.imperfections())
-    mismatch = [m._asdict() for m in belief_mismatches(scenario.autopilot, scenario.world.vehicle)]
+    mismatch = [m._asdict() for m in model_mismatches(scenario.autopilot, scenario.world.vehicle)]
     rows = [(path, _format_value(value, d), _format_unit(d), d.doc) for path, value, d in leaves(scenario)]
     if as_json:
         settings = {path: {"value": value, "unit": unit, "doc": doc} for path, value, unit, doc in rows}

@@ -22,7 +22,7 @@ from trimtab.core.rng import key
 from trimtab.core.suggestions import closest
 from trimtab.core.time import FOREVER, format_time, parse_time
 from trimtab.loop.checks import check_part
-from trimtab.loop.faults import DELAYED, NONE, WORDS, Fault, FaultyActuators, FaultyChannel, FaultySensor, delay_slots
+from trimtab.loop.faults import DELAYED, KINDS, NONE, Fault, FaultyActuators, FaultyChannel, FaultySensor, delay_slots
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.structure import zeros_like
 from trimtab.loop.walk import start
@@ -109,9 +109,9 @@ def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
     places = (*fault_locations(scenario), *(f"actuators:{name}" for name in _input_fields(scenario)))
     where = _check_choice(about, "part", head[0], places)
     where, _, field = where.partition(":") if where.startswith("actuators:") else (where, "", "")
-    kind = _check_choice(about, "kind of fault", head[1], WORDS[1:])
+    kind = _check_choice(about, "kind of fault", head[1], KINDS[1:])
     defaults = SEVERITY | (OF_ACTUATORS if where == "actuators" else {})
-    fields: dict[str, Any] = {"kind": WORDS.index(kind), "severity": defaults.get(kind, 1.0), "field": field}
+    fields: dict[str, Any] = {"kind": KINDS.index(kind), "severity": defaults.get(kind, 1.0), "field": field}
     names = [others[i] or others[i + 1] for i in range(0, len(others), 3)]
     for name, said in zip(names, others[2::3], strict=True):
         if names.count(name) > 1:

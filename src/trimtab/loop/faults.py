@@ -21,8 +21,8 @@ from trimtab.core.time import FOREVER, ms, to_seconds
 from trimtab.links.fifo import NEVER, empty_slots, read_slot, write_slot
 from trimtab.loop.structure import cast_like
 
-WORDS = ("none", "off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
-NONE, OFF, STUCK, GARBAGE, WRONG, SLOW, DELAYED, INTERMITTENT = range(len(WORDS))
+KINDS = ("none", "off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
+NONE, OFF, STUCK, GARBAGE, WRONG, SLOW, DELAYED, INTERMITTENT = range(len(KINDS))
 NAN_BEYOND = 1.5
 """Magnitude of a standard normal draw above which a garbage value is NaN. This happens in 13 % of the draws."""
 LINK_STREAM = zlib.crc32(b"fault of a channel")
@@ -41,7 +41,7 @@ class Fault:
     Source:  docs page, Faults; the kinds are those of PX4's failure injection.
     """
 
-    kind: Scalar = quantity("1", "Kind of fault.", kind="mode", modes=WORDS, default=NONE, low=0, high=len(WORDS) - 1)
+    kind: Scalar = quantity("1", "Kind of fault.", kind="mode", modes=KINDS, default=NONE, low=0, high=len(KINDS) - 1)
     start: Scalar = quantity("100 ns", "Start of the fault.", kind="time", default=0)
     duration: Scalar = quantity("100 ns", "Duration of the fault.", kind="time", default=FOREVER, low=0)
     severity: Scalar = quantity("1", "Severity of the fault. Its meaning depends on the kind of fault.", default=1.0)
@@ -67,7 +67,7 @@ class Fault:
         }
         good, meaning = rules.get(kind, (True, ""))
         if not good:
-            problem = f"{severity:g} is not valid: for {WORDS[kind]!r}, the severity is {meaning}"
+            problem = f"{severity:g} is not valid: for {KINDS[kind]!r}, the severity is {meaning}"
             raise InputError("severity", problem, fix="choose another severity, e.g. by 0.5, by 2")
 
     def begin_time(self, t: Any, begin: Any, signals: Any) -> Any:
@@ -80,7 +80,7 @@ class Fault:
         return jnp.where(t < self.start, NEVER, jnp.where(waiting & met, t, begin))
 
     def active_kind(self, t: Any, begin: Any) -> Any:
-        """Return the kind of fault that acts at integer time t, as an index in WORDS. begin: result of begin_time()."""
+        """Return the kind of fault that acts at integer time t, as an index in KINDS. begin: result of begin_time()."""
         acts = (begin != NEVER) & (t >= begin) & (t - begin < self.duration)
         return jnp.where(acts, self.kind, NONE)
 

@@ -35,7 +35,7 @@ def vehicle_copies(autopilot: Any, vehicle: Any) -> dict[str, Any]:
     return {path: copy for path, copy in records(autopilot, "autopilot") if type(copy) is type(vehicle)}
 
 
-def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> None:
+def check_models(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> None:
     """Raise InputError if parts of an autopilot use different models of the vehicle.
 
     named: paths of the models, or of single parameters of models, that may differ.
@@ -67,7 +67,7 @@ def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> No
                 )
 
 
-def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
+def model_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
     """Return the parameters that differ between the autopilot's vehicle models and the true vehicle.
 
     If the models differ from each other, the path of a parameter includes the path of the model.

@@ -22,7 +22,7 @@ from trimtab.estimators.passthrough import Passthrough
 from trimtab.links.wire import Wire
 from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.checks import check_part, check_values
-from trimtab.loop.model_mismatch import check_beliefs
+from trimtab.loop.model_mismatch import check_models
 from trimtab.loop.structure import check_members, check_record
 from trimtab.loop.summary import NOTE, summarise_scenario
 from trimtab.loop.vehicle_limits import VehicleLimits
@@ -192,7 +192,7 @@ class Scenario(Generic[V]):
         """
         self._check_interfaces()
         mav_type(self.world.vehicle)
-        check_beliefs(self.autopilot, self.world.vehicle, self.mismatch)
+        check_models(self.autopilot, self.world.vehicle, self.mismatch)
         check_values(self)
         for path, owner in records(self):
             covers: Any = optional_member(owner, "check_duration")

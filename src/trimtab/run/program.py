@@ -16,7 +16,7 @@ from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.quantity import Quantity, leaves, part_classes, plain_setting
 from trimtab.core.time import Timetable, format_time, ms, timetable, to_seconds
 from trimtab.logs.log import LazyMapping, Log, provenance, to_plain
-from trimtab.loop.model_mismatch import belief_mismatches
+from trimtab.loop.model_mismatch import model_mismatches
 
 SHORT = 5_000_000
 """Largest number of instants, over all runs, that are simulated without a check for Ctrl-C. This takes about a
@@ -295,7 +295,7 @@ def describe_scenario(scenario: Any) -> dict[str, Any]:
 
     For a scenario built by name, the metadata include `choices`, from which a replay rebuilds the scenario.
     """
-    mismatch = [m._asdict() for m in belief_mismatches(scenario.autopilot, scenario.world.vehicle)]
+    mismatch = [m._asdict() for m in model_mismatches(scenario.autopilot, scenario.world.vehicle)]
     about = {
         "scenario": scenario.name,
         **({"choices": scenario.choices} if scenario.choices else {}),
