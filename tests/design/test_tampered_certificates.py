@@ -192,7 +192,7 @@ CASES |= {
     "a name with a path": (lambda c: c.update(system="../hypersonic"), "not in the package"),
     "another altitude": (lambda c: c["about"].update(h_ft=85001.0), "A" + OF),
     "altitude out of range": (lambda c: c["about"].update(h_ft=300e3), "h_ft"),
-    "no altitude": (lambda c: c["about"].pop("h_ft"), "lacks about.h_ft"),
+    "no altitude": (lambda c: c["about"].pop("h_ft"), "lacks the key about.h_ft"),
     "an altitude in words": (lambda c: c["about"].update(h_ft="high"), "must be a finite number, got 'high'"),
     "another trim": (lambda c: c["about"].update(alpha_rad=0.02644), "settings and point"),
     "extra setting": (lambda c: c["about"].update(note="certified by nobody"), "settings and point"),
