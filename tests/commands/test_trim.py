@@ -107,7 +107,7 @@ def test_zeros_of_cart_match_analytic_value():
     )
     assert [z["is_right"] for z in found["zeros"]] == [True, False]
     assert data("zeros", CART, "--output", "lean")["verdict"] != "non-minimum phase"
-    assert "1 inputs and 4 outputs" in call("zeros", CART).output
+    assert "1 inputs but 4 outputs" in call("zeros", CART).output
 
 
 @pytest.mark.thorough
@@ -196,7 +196,7 @@ def test_servo_state_and_servo_command_have_distinct_names():
     done = call("trim", "vessel/path", "--at", "surge_velocity=0.5", "--at", "u.rudder=free", "--at", "heading=0.5")
     assert done.exit_code == 0, done.output
     assert "u.rudder" in done.output
-    assert "in steady motion: north by" in done.output
+    assert "in steady motion: north changes by" in done.output
     assert "--at surge_velocity" not in done.output
 
 
