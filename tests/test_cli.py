@@ -225,7 +225,7 @@ def test_synonyms_point_to_existing_verbs():
         ("calibrate thrust", "Fix: trimtab calibrate thrust "),
         ("run spin", "Fix: trimtab run hovercraft/spin"),
         ("run HOVERCRAFT/SPIN", "Fix: trimtab run hovercraft/spin"),
-        ("run nothing.py", "there is no such file"),
+        ("run nothing.py", "file not found"),
         ("run hovercraft/spin --without navigation", "--without navigation-error"),
         ("run hovercraft/spin --seed", "Fix: trimtab run "),
         ("export --verify", "Fix: trimtab export "),

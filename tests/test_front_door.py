@@ -121,7 +121,7 @@ def test_rejects_invalid_duration_with_message(duration, said):
 def test_rejects_invalid_scenario_argument():
     with pytest.raises(trimtab.InputError, match="must be a Scenario or a scenario's name, got a int"):
         trimtab.simulate(3)
-    with pytest.raises(trimtab.InputError, match="there is no such scenario"):
+    with pytest.raises(trimtab.InputError, match="unknown scenario"):
         trimtab.simulate("hovercraft/spn")
 
 

@@ -98,7 +98,7 @@ def test_replacement_parts_are_the_choices_of_the_scenario(file):
         ("estimator=nowhere:make", "nowhere"),
         ("estimator=here/mine.py:make", r"name the module, from the folder that contains it: mine:make"),
         (f"estimator={__name__}:number", "returns an object of type int, which is not a record"),
-        ("law.spinning.k3=5", "no such setting"),
+        ("law.spinning.k3=5", "unknown setting"),
         ("estimator=ins", r"reads sensor 'imu', but the recorded flight has only(.|\n)*--navigation ins"),
     ],
 )

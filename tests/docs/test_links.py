@@ -75,7 +75,7 @@ def test_built_pages_have_no_dead_links(site):
 
 
 SEARCHED = {
-    "there is no such setting": "reference/messages",
+    "unknown setting": "reference/messages",
     "a finite number of runs cannot prove a probability of": "reference/messages",
     "other users can read or change it": "reference/messages",
     "anyone on the network path to could read the token and fly the craft": "reference/messages",

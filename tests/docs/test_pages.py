@@ -32,6 +32,16 @@ def test_shown_cells_do_not_depend_on_hidden_cells(page):
     assert not (_loaded(shown) - _bound(shown)) & _bound(hidden) - {"Image"}
 
 
+def test_every_table_begins_with_a_header():
+    """A blank line within a table would print the rows after it as plain text."""
+    cut = []
+    for page in [*DOCS.rglob("*.md"), DOCS.parent / "README.md"]:
+        lines = ["", *page.read_text(encoding="utf-8").splitlines(), ""]
+        first = [k for k, line in enumerate(lines) if line.startswith("| ") and not lines[k - 1].startswith("|")]
+        cut += [f"{page.name}:{k}" for k in first if not re.fullmatch(r"\|[-| :]+\|", lines[k + 1])]
+    assert cut == []
+
+
 def _loaded(cells):
     nodes = ast.walk(ast.parse("\n".join(cells)))
     return {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}

@@ -260,7 +260,7 @@ FINDINGS = [
         "misleading advice",
         lambda: answers("run", "mine.py", says="Fix: trimtab run mine.py:scenario", mine__py=SCENARIO),
     ),
-    Finding("typo in list", "list typo", "misleading advice", lambda: answers("list", "typo", says="no such scenario")),
+    Finding("typo in list", "list typo", "misleading advice", lambda: answers("list", "typo", says="unknown scenario")),
     Finding(
         "negative duration",
         "run hovercraft/spin --duration -5",

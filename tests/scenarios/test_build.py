@@ -67,13 +67,13 @@ def test_rejects_invalid_link_recordings(text, said):
 
 
 def test_mistyped_uplink_setting_suggests_uplink():
-    with pytest.raises(InputError, match=r"no choice and no setting(.|\n)*Fix: settings=\{\"uplink\": "):
+    with pytest.raises(InputError, match=r"unknown setting of scenario(.|\n)*Fix: settings=\{\"uplink\": "):
         build(NAME, {"uplnk": "up.csv"})
 
 
 @pytest.mark.parametrize(("typed", "path"), [("mass", "world.vehicle.mass"), ("k1", "autopilot.law.k1")])
 def test_setting_without_its_path_suggests_the_full_path(typed, path):
-    with pytest.raises(InputError, match=f"no setting of this name(.|\n)*Fix: .*{re.escape(path)}"):
+    with pytest.raises(InputError, match=f"unknown setting of scenario(.|\n)*Fix: .*{re.escape(path)}"):
         build(NAME, {typed: "3"})
 
 

@@ -174,7 +174,7 @@ def test_relative_paths_are_resolved_beside_the_file(tmp_path, monkeypatch):
             'base = "hovercraft/spin"\n[world.vehicle]\nmass = "3 m"',
             r"my.toml:3:1: world.vehicle.mass: 'm' is not a unit",
         ),
-        ('base = "hovercraft/spin"\n[world.vehicle]\n  mas = 3', r"my.toml:3:3: world.vehicle.mas: there is no such"),
+        ('base = "hovercraft/spin"\n[world.vehicle]\n  mas = 3', r"my.toml:3:3: world.vehicle.mas: unknown setting"),
         ('base = "hovercraft/spin"\n[world.vehicle]\nmass = -1', r"my.toml:3:1: world.vehicle.mass: -1 kg is out of"),
         ("[world.vehicle\nmass = 3", r"my.toml:1:15: Expected ']'"),
         ("a = 1\na = 2", r"my.toml:2:6: Cannot overwrite"),

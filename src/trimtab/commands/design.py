@@ -104,7 +104,7 @@ def command(
     trimtab design my_law.py:theorem                         for your own law
     trimtab design hovercraft --stabilisability              test if smooth feedback can stabilise the craft
     trimtab design my_boat.py:system --stabilisability       for your own model
-    trimtab design my_cart.py:scenario --lqr --limit force=20 --limit angle='5 deg' --out gain.json
+    trimtab design examples/my_cart.py --lqr --limit lean='6 deg' …   a gain from a limit of each state and input
     trimtab design vessel/path --lqr --fast rudder …         then:  trimtab run vessel/path --set gain=gain.json
     trimtab design my_cart.py --inversion --output position --to 0.5 --in 2 --plot course.png     exact inputs
     """

@@ -28,7 +28,7 @@ def unknown_setting(name: str, path: str, known: Iterable[str]) -> InputError:
         if below or (near and near[0] in known)
         else command("trimtab list SCENARIO", "settings(SCENARIO)") + "  shows every path with its value and unit"
     )
-    return InputError(argument_name(name, path), "there is no such setting", choices=near, fix=fix)
+    return InputError(argument_name(name, path), "unknown setting", choices=near, fix=fix)
 
 
 def closest(name: str, choices: Iterable[str], n: int = 3) -> list[str]:

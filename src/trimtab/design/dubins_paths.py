@@ -157,7 +157,7 @@ def _arc(angle: float) -> float:
 
 def _straight(signs: Any, between: Any) -> list[tuple[float, float, float]]:
     """Return [(heading (rad) at the start, heading at the end, length)] of the straight line between two circles, or an
-    empty list if there is no such line.
+    empty list if the line does not exist.
 
     between: vector from the first circle's centre to the last (2,). Lengths are in radii. The line is a common tangent
     of the circles. If the turns differ, it crosses between the circles.

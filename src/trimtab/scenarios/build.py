@@ -193,7 +193,7 @@ def _refuse_gaps(scenario: Scenario, settings: Iterable[str]) -> None:
         for path in [path for path in settings if path.partition(".")[0] not in known]:
             fix = 'write  base = "hovercraft/spin"  to base the file on a scenario of the catalogue'
             raise InputError(
-                argument_name("settings", path), "there is no such setting", choices=["base", *known], fix=fix
+                argument_name("settings", path), "unknown setting", choices=["base", *known], fix=fix
             )
     for path, example in NEEDED.items():
         owner, _, field = path.rpartition(".")
@@ -301,8 +301,8 @@ def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> N
     for wrong in [n for n in rest if "." not in n and n not in known]:
         near = closest(wrong, [*known, *paths], 6)
         show = command(f"trimtab list {name}", f'settings("{name}")') + "  shows every setting by its path"
-        fix = f"{argument('settings', '…', near[0])}      {show}" if near else show
-        problem = f"scenario {name!r} has no choice and no setting of this name"
+        fix = f"{argument('settings', rest[wrong], near[0])}      {show}" if near else show
+        problem = f"unknown setting of scenario {name!r}"
         raise InputError(argument_name("settings", wrong), problem, choices=near or known, fix=fix)
 
 

@@ -64,7 +64,7 @@ def check_name(name: str, verb: str = "run") -> None:
     )
     typed = command(f"trimtab {verb} {near[0]}", f'"{near[0]}"') if near else ""
     fix = f"{typed}      {every}".strip()
-    raise InputError(f"scenario {name!r}", "there is no such scenario", choices=family or known, fix=fix)
+    raise InputError(f"scenario {name!r}", "unknown scenario", choices=family or known, fix=fix)
 
 
 def _refuse_bare_file(name: str, verb: str) -> None:
@@ -72,7 +72,7 @@ def _refuse_bare_file(name: str, verb: str) -> None:
     if Path(name).is_file():
         problem, fix = "the name of the function in this file is missing", f"trimtab {verb} {name}:scenario"
     else:
-        problem, fix = "there is no such file", f"name an existing file, as in  trimtab {verb} my_boat.py:scenario"
+        problem, fix = "file not found", f"name an existing file, as in  trimtab {verb} my_boat.py:scenario"
     raise InputError(f"scenario {name!r}", problem, fix=fix)
 
 

@@ -34,7 +34,7 @@ def fmu_scenario(file: str) -> Callable[..., Scenario]:
         """Return the scenario of the FMU, with the duration and the step size of the FMU's default experiment."""
         if not Path(file).is_file():
             fix = "type the path of an existing .fmu file"
-            raise InputError(f"scenario {file!r}", "there is no such file", fix=fix)
+            raise InputError(f"scenario {file!r}", "file not found", fix=fix)
         vehicle, interface = load(file, trust_code=trust_code == "yes"), read_interface(file)
         period = _ticks(interface.step_s) or ms(10)
         held = neutral_input(vehicle)

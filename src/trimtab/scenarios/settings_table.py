@@ -58,7 +58,7 @@ class SettingsTable(Mapping[str, Setting]):
         if not below:
             near = closest(path, self._settings, 6)
             fix = f"settings[{near[0]!r}]" if near else "print(settings) shows every path"
-            raise InputError(f"settings[{path!r}]", "there is no such setting", choices=near, fix=fix)
+            raise InputError(f"settings[{path!r}]", "unknown setting", choices=near, fix=fix)
         return SettingsTable(f"{self.name}, {path}", below)
 
     def __iter__(self) -> Iterator[str]:
