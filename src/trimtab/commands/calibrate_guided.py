@@ -63,7 +63,8 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
         1,
         [(theta, trial) for trial in range(1, 7) for theta in range(-30, 31, 10)],
         (
-            "Force gauge between string and hull, lift on, battery full. Six rounds: 6, 7.5, 9, 10, 11 and 12 krpm.",
+            "Force gauge between string and hull, lift on, battery full. "
+            "Six rounds at about 6, 7.5, 9, 10, 11 and 12 krpm.",
             "Set the rudder, wait until the hull is at rest, then read speed and force at the same time.",
         ),
         ("speed", "force"),

@@ -107,7 +107,7 @@ def _print_difference(names: tuple[str, str], difference: LogDifference, summari
         path = show_controls(first.path)
         values = f"{first.one!r} in {names[0]}, {first.other!r} in {names[1]}"
         click.echo(f"DIFFERENT from {first.first_s:.4f} s on: {path} is {values}")
-        click.echo(f"{len(difference.signals)} signals differ, out of {of}")
+        click.echo(f"numbers that differ: {len(difference.signals)}; compared: {of}")
         table = new_table("signal", ">differs from (s)", ">largest difference", unwrapped=("signal",))
         for signal in difference.signals[:SHOWN]:
             table.add_row(signal.path.replace("[", r"\["), f"{signal.first_s:.4f}", f"{signal.largest:.6g}")

@@ -100,7 +100,8 @@ RELEASE = click.option(
     "--release",
     type=float,
     metavar="PULSE",
-    help="Hold the vehicle until an output pulse reaches this width, in µs.  [default: until a pulse changes]",
+    help="Hold the vehicle until an output pulse reaches this width, in µs.  "
+    "[default: until a pulse leaves its rest value]",
 )
 
 

@@ -1,4 +1,4 @@
-"""`trimtab fly`: run an autopilot in real time that flies a vehicle at the other end of a radio link."""
+"""`trimtab fly`: run an autopilot in real time that flies a vehicle at the other end of a link."""
 
 import dataclasses
 import shlex

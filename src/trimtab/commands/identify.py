@@ -181,7 +181,9 @@ def _print_unexplained(found: Identified) -> None:
         click.echo(
             "between its corrections. The law responds to these errors, and the fit mistakes errors and response for"
         )
-        click.echo("motion of the vehicle. The fitted parameters are not valid. Log a sensor with independent errors,")
+        click.echo(
+            "motion of the vehicle. So parameters and intervals are not valid. Log a sensor with independent errors,"
+        )
         click.echo("such as motion capture, and select this sensor with --sensor NAME")
 
 
@@ -199,9 +201,7 @@ def _print_found(scenario: str, found: Identified, changes: dict[str, float]) ->
         if len(group) > 1:
             click.echo(f"not separable: {', '.join(group)}; fit only one of them, and measure the others on a bench")
         else:
-            click.echo(
-                f"no effect in this data: {', '.join(group)}; fly another manoeuvre, or do not fit this parameter"
-            )
+            click.echo(f"no effect in this data: {', '.join(group)}; fly a manoeuvre that excites it, or do not fit it")
     if found.held_out:
         table = new_table(
             "field", ">nominal", ">fitted", title=f"rms prediction error over {HORIZON:g} s, validation logs"

@@ -1,4 +1,4 @@
-"""Functions shared by the subcommands `vehicle`, `fly` and `inject`: radio link, signing key and MAVLink endpoint."""
+"""Functions shared by the subcommands `vehicle`, `fly` and `inject`: link, signing key and MAVLink endpoint."""
 
 import contextlib
 import ipaddress
@@ -74,7 +74,7 @@ def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, crea
         scenario: name of the scenario, which determines the vehicle, see `vehicle_name`. Each vehicle has one key.
         file: path of the key file, or None for the default path.
         unsigned: True for a link without signatures.
-        uri: URI of the link.
+        uri: URI of the link; InputError if it is invalid.
         create: True to create a new key if the file is missing.
     """
     parse_uri(uri)

@@ -1,4 +1,4 @@
-"""`trimtab live-faults`: fly a vehicle and an autopilot with faults in radio link, processes and computer."""
+"""`trimtab live-faults`: fly a vehicle and an autopilot with faults in link, processes and computer."""
 
 import sys
 from collections.abc import Sequence

@@ -278,14 +278,15 @@ def print_navigation(navigation: "Navigation", units: Mapping[str, str]) -> None
         table.add_row(name, of, f"{j.draws:.0f}", f"{j.mean:.3g}", bounds, factor, white, j.verdict)
     print_table(table)
     verdicts = {j.verdict for _, _, j, _ in rows}
-    click.echo("; ".join(f"{verdict}: {meaning}" for verdict, meaning in MEANINGS.items() if verdict in verdicts))
+    if verdicts:
+        click.echo("; ".join(f"{verdict}: {meaning}" for verdict, meaning in MEANINGS.items() if verdict in verdicts))
     table = new_table("state", ">first sigma", ">last sigma", ">settled (s)", "trend")
     for name, state in navigation.learned.items():
         cells = (f"{state.first:.3g}", f"{state.last:.3g}", f"{state.settled_s:.2f}", state.trend)
         table.add_row(f"{name} ({units[name]})", *cells)
     print_table(table)
     sure = f"{100 * navigation.probability:g} % of a consistent filter's runs stay within all bounds"
-    verdict = f"{navigation.verdict}, from {navigation.since_s:.2f} s on"
+    verdict = f"{navigation.verdict}; judged from {navigation.since_s:.2f} s on"
     click.echo(f"navigation: {verdict}; {sure} (docs, Navigation of a run)")
 
 

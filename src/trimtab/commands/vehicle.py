@@ -1,4 +1,4 @@
-"""`trimtab vehicle`: simulate a vehicle in real time that is controlled over a real radio link."""
+"""`trimtab vehicle`: simulate a vehicle that an autopilot or a flight stack controls over a link."""
 
 import dataclasses
 import sys
@@ -139,8 +139,8 @@ def command(
     safety pilot, parameters. The real link replaces the scenario's simulated delays. The vehicle is held until it is
     armed. It speaks signed MAVLink 2, so ground stations can connect. Exit code 1: a failsafe acted, the watchdog
     switched the outputs to safe values, or the log is lost or incomplete; 2: invalid input. With --ardupilot or --px4
-    the command is the physics simulator of ArduPilot's or PX4's SITL instead, in virtual time and with the protocol of
-    that flight stack.
+    the command is the physics simulator of ArduPilot's or PX4's SITL instead, in virtual time (PX4: in lockstep) and
+    with the protocol of that flight stack.
 
     \b
     trimtab vehicle hovercraft/forward --listen udp://:14550 --out there

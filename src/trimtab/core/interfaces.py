@@ -1,7 +1,7 @@
 """Interfaces of all parts. A part must have the members of its interface. No base class or registration is needed.
 
 Every part is a record; its fields are its parameters. The time `t` of a block is an integer in units of 100 ns. A step
-is a pure function from the present state to the next state. A step never raises an error.
+is a pure function of time, state and input that returns the next state and the output. A step never raises an error.
 """
 
 from collections.abc import Mapping

@@ -173,7 +173,7 @@ def _weight_condition(c: Certificate, o: ObserverPart) -> ProofCondition:
 
 def _digest_condition(c: Certificate, written: str) -> ProofCondition:
     same = written == certificate_digest(c)
-    why = "" if same else "the file was changed after it was written"
+    why = "" if same else "the file was changed after it was written; the other conditions show the effect"
     return ProofCondition("", same, float(not same), "differences", "SHA-256", why)
 
 

@@ -27,7 +27,7 @@ class DilutionMap:
     dilution: Any = quantity("1", "Dilution sqrt(trace((H'H)^-1)) (a, b); infinite where no position fix is possible.")
     visible: Any = quantity("1", "Number of beacons whose range and cone include each grid point (a, b).", kind="count")
     beacons: Any = quantity("m", "Positions of the beacons (n, 3).", frame="W")
-    down: Scalar = quantity("m", "Down coordinate of the ultrasonic receiver.", frame="W")
+    down: Scalar = quantity("m", "Down coordinate of the ultrasonic unit.", frame="W")
 
     def coverage(self, limit: float = 2.0) -> float:
         """Return the fraction of the map, 0 to 1, in which the dilution is at most `limit`."""
@@ -71,7 +71,7 @@ def dilution_map(
         beacons: positions in W (m), shape (n, 3).
         north: north coordinates of the grid's rows (m), shape (a,).
         east: east coordinates of the grid's columns (m), shape (b,).
-        down: down coordinate of the ultrasonic receiver (m).
+        down: down coordinate of the ultrasonic unit (m).
         cone: half the opening angle (rad) of each beacon's cone, whose axis points straight down.
         reach: longest range (m).
         common_error: as in `dilution`.

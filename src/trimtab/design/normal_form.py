@@ -42,7 +42,7 @@ SINGULAR = 1e-10
 singular."""
 ROUNDING = 1e-13
 """Largest influence of a state on an output's derivative that counts as zero, as a fraction of the largest influence of
-a state."""
+any state on this derivative."""
 STEPS = 50
 """Maximum number of Newton steps."""
 SETTLED = 1e-9

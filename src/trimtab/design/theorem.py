@@ -179,7 +179,7 @@ def prove_theorem(
     lines += [(e.name, lambda e=e: _refute(e)) for e in theorem.counterexamples]
     lines += theorem.lines
     if digests is not None:
-        why = "the file was changed after it was written"
+        why = "the file was changed after it was written; the other conditions show the effect"
         lines.append(version_line(certificate.version))
         lines.append(
             ("file unchanged since it was written", lambda: _verdict(digests[0] == digests[1], why, how="SHA-256"))

@@ -45,7 +45,7 @@ class SlaveBus:
     message that would be in transit for longer than `queue` is dropped and counted.
 
     Frames:  those of the transmitted values.    Not modelled: repeated pieces, other traffic.
-    Source:  [1] chapter 5: the microcontroller with the ultrasonic receivers is the bus master, and receives at most 10
+    Source:  [1] chapter 5: the microcontroller with the ultrasonic units is the bus master, and receives at most 10
              bytes in 10 ms. Bit rate, sizes and queue are reconstructed.
     """
 

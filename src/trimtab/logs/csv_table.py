@@ -102,7 +102,8 @@ def read_table(path: str | os.PathLike[str], *, gaps: bool = False) -> CsvTable:
     where = f"log file '{path}'"
     head, rows, lines = _read_cells(where, path)
     if not rows:
-        fix = "use a file with a line of names and then lines of numbers, e.g. from  trimtab run SCENARIO --out DIR"
+        writes = "trimtab run SCENARIO --out DIR  writes a log (MCAP) instead"
+        fix = f"a table is a line of names, then lines of numbers; {writes}"
         raise InputError(where, "has no rows", fix=fix)
     for line, row in zip(lines, rows, strict=True):
         if len(row) != len(head):

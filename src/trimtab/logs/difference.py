@@ -13,10 +13,10 @@ from trimtab.logs.log import Log
 
 
 class SignalDifference(NamedTuple):
-    """Difference of one signal between two logs.
+    """Difference of one number, a signal or an element of a signal, between two logs.
 
-    path: path of the signal.  first_s: time (s) of the first difference.  one, other: values at this time in the first
-    and in the second log.  largest: largest difference at any time.
+    path: path of the number, e.g. "truth.velocity[0]".  first_s: time (s) of the first difference.  one, other: values
+    at this time in the first and in the second log.  largest: largest difference at any time.
     """
 
     path: str
@@ -29,9 +29,9 @@ class SignalDifference(NamedTuple):
 class LogDifference(NamedTuple):
     """Differences of two logs.
 
-    instants: number of common instants.  compared: number of common signals.  signals: signals that differ, sorted by
-    the time of their first difference.  only_one: paths of signals that only the first log has.  only_other: paths of
-    signals that only the second log has.
+    instants: number of common instants.  compared: number of common signals.  signals: numbers that differ, elements of
+    signals, sorted by the time of their first difference.  only_one: paths of signals that only the first log has.
+    only_other: paths of signals that only the second log has.
     """
 
     instants: int

@@ -114,7 +114,7 @@ def _write_blocks(log: Log, stream: IO[bytes], blocks: Iterable[slice]) -> None:
 
 @explain_call()
 def read_mcap(path: str | os.PathLike[str]) -> Log:
-    """Read a log from an MCAP file. The result equals the log that was written.
+    """Read a log from an MCAP file. The log of a complete, undamaged file equals the log that was written.
 
     >>> import tempfile
     >>> from trimtab import read_log, simulate, write_log
@@ -124,7 +124,8 @@ def read_mcap(path: str | os.PathLike[str]) -> Log:
 
     The messages of all topics with the same time form a row. A row with a missing message, or in a damaged chunk, is
     left out, and ``metadata["gaps"]`` describes the missing rows. If the end of the file is missing (e.g. because of a
-    full disk or an interrupted copy), the existing rows are read, and ``metadata["truncated"]`` is True.
+    full disk or an interrupted copy), the existing rows are read, ``metadata["truncated"]`` is True, and `final` is
+    still that of the complete run.
     """
     contents = parse_contents(path, _read_bytes(Path(path)))
     if LAYOUT not in contents.metadata or RUN not in contents.metadata:

@@ -60,7 +60,7 @@ class Fault:
         """Raise InputError for a severity that is invalid for the kind of fault."""
         kind, severity = int(self.kind), float(self.severity)
         rules = {
-            GARBAGE: (severity > 0, "the size of the random values relative to the true value, above 0"),
+            GARBAGE: (severity > 0, "a multiple of the plausible size, above 0"),
             SLOW: (severity >= 1, "a number N of at least 1: only every Nth sample arrives"),
             DELAYED: (severity >= 0, "a delay in seconds, not negative"),
             INTERMITTENT: (0 <= severity <= 1, "the fraction of time in which the part is off, 0 to 1"),

@@ -1,4 +1,4 @@
-"""Settings of delay, jitter and loss for any radio link. A link with such a setting is replaced by a `MeasuredLatency`.
+"""Settings of delay, jitter and loss for any link. A link with such a setting is replaced by a `MeasuredLatency`.
 
     delay     constant latency, which replaces the latency of the link
     jitter    additional random latency, uniformly distributed from 0 to this value
@@ -29,7 +29,7 @@ SETTINGS = tuple(f"{link}.{kind}" for link in LINKS for kind in KINDS)
 
 
 def with_link_settings(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
-    """Return the scenario with new delay, jitter or loss of the radio links.
+    """Return the scenario with new delay, jitter or loss of the links.
 
     settings: name -> text, e.g. {"uplink.delay": "80 ms", "downlink.loss": "5 %"}.
 

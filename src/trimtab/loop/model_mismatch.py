@@ -22,7 +22,8 @@ class Mismatch(NamedTuple):
     """Parameter of the vehicle that differs between an autopilot's vehicle model and the true vehicle.
 
     path: path of the parameter in the vehicle, or in the autopilot if the autopilot's models differ.  assumed: value in
-    the model, as text.  actual: value in the true vehicle, as text. Both are "none" for a missing part.
+    the model, as text.  actual: value in the true vehicle, as text. For a part that only one of
+    them has, the texts are "there" and "none".
     """
 
     path: str

@@ -4,7 +4,8 @@ circle(radius=1.5, period=20 s)             parameters of the class Circle, with
 eight(length=5, width=150 cm)               parameters of the class FigureEight, with or without units
 waypoints(0 0, 3 0, 3 3 0.3; speed=0.4)     north and east (m) of each way-point. An optional third number is the speed
                                             (m/s) on the leg that ends at this way-point.
-places(0 s: 0 0, 2 s: 1 0, …)               time, north and east (m) of each position, and optionally heading (rad)
+places(0 s: 0 0, 2 s: 1 0, …)               time, north and east (m) of each position. An optional heading (rad)
+                                            must be written for all positions or for none.
 path.csv                                    CSV file with columns time [s], north [m], east [m], heading [deg]
 """
 

@@ -158,7 +158,7 @@ class Scenario(Generic[V]):
     def imperfections(self) -> dict[str, list[str]]:
         """Return the imperfections that can be switched off: name -> paths of the parts with this imperfection.
 
-        The imperfection of a radio link has a name that starts with the link's name, e.g. "uplink-delay".
+        The imperfection of a link has a name that starts with the link's name, e.g. "uplink-delay".
         """
         names: dict[str, list[str]] = {}
         for own, paths in find_imperfections(self).items():

@@ -1,6 +1,6 @@
-"""Supervisor, which decides whether the law's command or a neutral command is sent. An optional part of the Autopilot.
+"""Supervisor, which decides whether the law's, the neutral or an invalid command is sent.
 
-Source: docs page, Supervisor.
+An optional part of the Autopilot. Source: docs page, Supervisor.
 """
 
 import functools
@@ -147,7 +147,7 @@ class Limit:
 
 @record
 class Supervisor:
-    """Supervisor between law and radio link. It sends the law's command, the neutral command, or an invalid command.
+    """Supervisor between law and link. It sends the law's command, the neutral command, or an invalid command.
 
         standby  --arm request, if all checks pass-->  flying  <--hold, resume requests-->  hold (neutral command)
         flying, hold  --link lost or estimate too old-->  lost (first law's, then neutral command, then mode ended)

@@ -129,7 +129,7 @@ def refuse_swarm(scenario: Scenario, end: str) -> None:
     """
     swarm = scenario.world.vehicle
     if isinstance(swarm, Swarm):
-        problem = f"{end} is for one vehicle, but this is a swarm of {swarm.count} craft, which no radio link supports"
+        problem = f"{end} is for one vehicle, but this is a swarm of {swarm.count} craft, which no link supports"
         fix = "use a scenario of one craft, e.g. hovercraft/forward. To export one craft of the swarm as C code:"
         raise InputError(
             f"scenario {scenario.name!r}", problem, fix=f"{fix}  trimtab export FILE.py:function  (docs, Swarms)"

@@ -119,8 +119,9 @@ class Parameters:
         """Return the smallest and the largest value that a ground station may write.
 
         If a bound is declared, it is used. Otherwise the bound is derived from the parameter's value at the start. For
-        a quantity that must be positive, the bounds are a tenth and ten times this value. Other parameters may change
-        by ten times the magnitude of this value, or by ten if the magnitude is below one.
+        a positive start value of a quantity that must not be negative, the upper bound is ten times this value; if it
+        must be positive, the lower bound is a tenth. Other parameters may change by ten times the magnitude of this
+        value, or by ten if the magnitude is below one.
         """
         own, start = self.listed[index], self.defaults[index]
         declared = own.declaration

@@ -1,7 +1,7 @@
 """Navigation of the hovercraft: a model of navigation errors, or a simulated navigation system with its sensors.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, sections
-5.4, 5.5 and 6.1. The hall, the positions of beacons and ultrasonic receivers, and the errors of beacon survey and air
+5.4, 5.5 and 6.1. The hall, the positions of beacons and ultrasonic units, and the errors of beacon survey and air
 temperature are our own choice.
 """
 
@@ -43,7 +43,7 @@ Navigation = Annotated[
     {
         "errors": "true state with random errors from the thesis's model of navigation errors",
         "ins": "INS with IMU, ultrasonic fixes and dual filters, whose estimated errors are fed back to the INS",
-        "ins-magnetometer": "INS as in ins, but with heading from a magnetometer instead of ultrasonic receivers",
+        "ins-magnetometer": "INS as in ins, but with heading from a magnetometer instead of ultrasonic units",
         "ins-coupled": "INS with one filter for heading and motion, so that position fixes also correct the heading",
         "ins-feedforward": "INS with the dual filters of the thesis; estimated errors are subtracted from its output",
         "ins-direct": "INS with dual filters that estimate the state instead of its errors",
@@ -61,14 +61,14 @@ FORMS: dict[str, Any] = {
 """Name of the navigation system -> class of the INS that processes the position fixes."""
 
 Bus = Literal["none", "slave"]
-"""Bus between the ultrasonic receivers and the radio on board the hovercraft.
+"""Bus between the ultrasonic units and the radio on board the hovercraft.
 
-slave: the receivers are connected to a second microcontroller, and a slow bus carries the samples to the
+slave: the units are connected to a second microcontroller, and a slow bus carries the samples to the
 microcontroller with the radio. none: the samples reach the radio without delay.
 """
 
 CEILING, SPACING = 4.0, 3.4
-"""Height of the beacons above the floor, and distance between beacons (m). An ultrasonic receiver receives at least
+"""Height of the beacons above the floor, and distance between beacons (m). An ultrasonic unit receives at least
 three beacons everywhere on the floor, and four beacons in most positions."""
 NOISE = InertialNoise(
     gyro=1.6e-4,
@@ -90,7 +90,7 @@ INTAKE = Intake(gap=ms(150), lag=seconds(round(np.sqrt(2) / (2 * np.pi * float(I
 """Selection of the samples for the filter. Gaps of up to 150 ms between samples are allowed, because a radio link with
 jitter has longer gaps than the usual 40 ms. The lag is that of the IMU's low-pass filter, 7.5 ms."""
 MESSAGE = 5 + 1 + 6 * 3
-"""Size (bytes) of one measurement on the bus: header, number of the receiver, and number and range of each beacon that
+"""Size (bytes) of one measurement on the bus: header, number of the unit, and number and range of each beacon that
 replied. At most six beacons reply."""
 SLAVE = SlaveBus(size=MESSAGE, queue=ms(40), capacity=42)
 """Bus of the second microcontroller. The transmission of a message takes at most 31 ms, and messages are sent every
@@ -120,11 +120,11 @@ def choose_navigation(
         navigation: name of the navigation system.
         errors: model of navigation errors, used only for navigation "errors". None: the model of the thesis.
         floor: floor area on which the vehicle may move (m).
-        bus: bus between the ultrasonic receivers and the radio.
+        bus: bus between the ultrasonic units and the radio.
     """
     if navigation == "errors":
         if bus != "none":
-            problem = 'the bus carries ultrasonic samples, but navigation "errors" has no ultrasonic receivers'
+            problem = 'the bus carries ultrasonic samples, but navigation "errors" has no ultrasonic units'
             raise InputError(
                 argument_name("settings", "bus"),
                 problem,

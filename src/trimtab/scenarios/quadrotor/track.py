@@ -36,7 +36,8 @@ Trajectory = Annotated[
 ]
 MotorFault = Annotated[
     Literal["works", "1-fails", "2-fails", "3-fails", "4-fails"],
-    {"works": "all four rotors work"} | {f"{k}-fails": f"rotor {k} stops at 2 s" for k in range(1, 5)},
+    {"works": "all four rotors work"}
+    | {f"{k}-fails": f"rotor {k} stops at 2 s and stays stopped" for k in range(1, 5)},
 ]
 LawChoice = Annotated[
     Literal["geometric", "neural"],
