@@ -192,9 +192,7 @@ def _refuse_gaps(scenario: Scenario, settings: Iterable[str]) -> None:
         known = declarations(scenario)
         for path in [path for path in settings if path.partition(".")[0] not in known]:
             fix = 'write  base = "hovercraft/spin"  to base the file on a scenario of the catalogue'
-            raise InputError(
-                argument_name("settings", path), "unknown setting", choices=["base", *known], fix=fix
-            )
+            raise InputError(argument_name("settings", path), "unknown setting", choices=["base", *known], fix=fix)
     for path, example in NEEDED.items():
         owner, _, field = path.rpartition(".")
         if getattr(getattr(scenario, owner) if owner else scenario, field) is None:
