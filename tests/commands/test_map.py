@@ -68,7 +68,7 @@ def test_parses_axis_from_text():
     [
         ({"x": "delay"}, "not of the form NAME=LOW:HIGH"),
         ({"x": "delay=0:fast"}, "not a range of numbers"),
-        ({"x": "delay=0.6:0"}, "LOW must be below HIGH"),
+        ({"x": "delay=0.6:0"}, "LOW below HIGH"),
         ({"x": "delay=-1:0.6"}, "delay must be at least 0 s, got -1:0.6"),
         ({"x": "downlink-jitter=-1:0.6"}, "downlink-jitter must be at least 0 s"),
         ({"y": "loss=0:1.9"}, "loss must be between 0 and 1"),

@@ -157,7 +157,7 @@ def test_group_integration_is_exact_and_keeps_unit_quaternions(backend):
 
 def test_rejects_group_integration_without_a_quaternion():
     scenario = fall(Top(), TopState(), Integration(attitude="group"))
-    with pytest.raises(InputError, match="names no quaternion") as refused:
+    with pytest.raises(InputError, match="needs a vehicle with QUATERNIONS") as refused:
         scenario.check()
     assert "QUATERNIONS" in refused.value.fix
     fall(NamedTop(), TopState(), Integration(attitude="group")).check()

@@ -70,9 +70,9 @@ def test_random_key_words_give_same_noise_in_batch_and_alone(short):
 
 
 def test_rejects_random_key_words_of_wrong_size(short):
-    with pytest.raises(InputError, match="run numbers for"):
+    with pytest.raises(InputError, match="run numbers: "):
         simulate_batch(short, seeds=[0] * RUNS, runs=WORDS)
-    with pytest.raises(InputError, match="32 random key words for each run, but the scenario has 8"):
+    with pytest.raises(InputError, match="random key words for each run: 32, in the scenario: 8"):
         simulate_batch(with_words(short, [0] * 8), seeds=[0] * RUNS, runs=WORDS)
 
 

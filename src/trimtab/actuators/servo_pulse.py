@@ -57,7 +57,7 @@ class ServoPulse:
             raise InputError("widths", problem, fix="give widths that only increase or only decrease")
         if widths.min() < SHORTEST or widths.max() > LONGEST:
             problem = (
-                f"{widths.min() * 1e3:g} to {widths.max() * 1e3:g} ms as pulse widths is outside the accepted range"
+                f"pulse widths of {widths.min() * 1e3:g} to {widths.max() * 1e3:g} ms are outside the accepted range"
             )
             raise InputError(
                 "widths", problem, fix=f"give widths from {SHORTEST * 1e3:g} to {LONGEST * 1e3:g} ms, in seconds"

@@ -73,7 +73,7 @@ def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
         f"the packet sent at {trace.sent_s[k]:.6g} s took {trace.latency_s[k]:.3g} s;"
         f" 99 % of the packets took at most {most:.2g} s."
     )
-    text += f" {len(wild)} such packets raise the deviation to {np.std(received):.2g} s, from {np.std(calm):.2g} s."
+    text += f" Such packets ({len(wild)}) raise the deviation to {np.std(received):.2g} s, from {np.std(calm):.2g} s."
     return (f"{text} Remove the lines of these packets from the file if the delays are not real",)
 
 

@@ -61,7 +61,9 @@ class SensorAxis(NamedTuple):
     "--signal", "signals", multiple=True, metavar="PATH", help="Use only this signal of the log. May be repeated."
 )
 @click.option(
-    "--shortest", metavar="TIME", help="Shortest averaging time to use, e.g. longer than the sensor's output filter."
+    "--shortest",
+    metavar="TIME",
+    help="Shortest averaging time to use. Choose one above the time constant of the sensor's output filter.",
 )
 @click.option("--tick", metavar="TIME", help="Time step of the filter.  [default: period of the sensor]")
 @click.option("--time", metavar="NAME", help="Time column of a CSV file, e.g. 'stamp [us]'.  [default: t, time, …]")

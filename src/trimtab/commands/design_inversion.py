@@ -98,7 +98,7 @@ def invert_vehicle(
     outputs, to, length = words["outputs"], words["to"], words["seconds_long"]
     if vehicle is None or not outputs or len(to) != len(outputs) or not length or length <= 0:
         fix = "trimtab design examples/my_cart.py --inversion --output position --to 0.5 --in 2"
-        raise InputError("--inversion", "needs a vehicle, one --to for each --output, and --in SECONDS > 0", fix=fix)
+        raise InputError("--inversion", "needs a vehicle, one --to for each --output, and --in above 0 s", fix=fix)
     check_picture(words["picture"], None)
     if out is not None:
         check_out("--out", out)

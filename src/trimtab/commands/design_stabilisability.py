@@ -94,7 +94,7 @@ def _print_smooth(model: StateSpaceModel, smooth: SmoothFeedback) -> None:
 
 def _print_reach(model: StateSpaceModel, reach: Accessibility) -> None:
     if reach.curved:
-        click.echo(f"not affine in the inputs {', '.join(reach.curved)}, so they are linearised in the inputs")
+        click.echo(f"not affine in {', '.join(reach.curved)}: the brackets use the part that is linear in the inputs")
     click.echo("Lie brackets of the drift f and the input vector fields at this point; each adds a new direction")
     for bracket in reach.basis:
         click.echo(f"  {bracket.degree}  {_format_bracket(model, bracket)}")

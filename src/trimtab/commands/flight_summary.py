@@ -25,7 +25,7 @@ MOTIONS = ("velocity", "rate", "speed", "velocity[0]", "velocity[1]", "velocity[
 FEW = 6
 """Maximum number of elements of a signal in the summary. Larger signals, e.g. of a large swarm, are left out."""
 MOST_SUMMARISED = 200_000_000
-"""Maximum size (bytes) of a log for metrics. A log of this size covers a flight of about 15 minutes."""
+"""Maximum size (bytes) of a log whose metrics are computed: about 15 minutes of flight."""
 METRICS = {
     "first_reach_s": ("first in band", "s"),
     "settling_s": ("settled", "s"),

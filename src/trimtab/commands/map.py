@@ -168,7 +168,8 @@ def parse_axis(option: str, text: str) -> Axis:
         raise InputError(option, f"{span!r} is not a range of numbers", fix=fix) from None
     if not (np.isfinite([low, high]).all() and low < high and 2 <= count <= 1000):
         fix = f"{option} {EXAMPLE}, with LOW below HIGH, and 2 to 1000 values in the coarse grid"
-        raise InputError(option, f"LOW must be below HIGH, got {span!r}", fix=fix)
+        problem = f"needs finite numbers, LOW below HIGH, and 2 to 1000 values, got {span!r}"
+        raise InputError(option, problem, fix=fix)
     values = np.linspace(low, high, count)
     link, _, kind = name.rpartition("-")
     if kind in KINDS and link in ("", *LINKS):

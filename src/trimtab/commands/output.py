@@ -76,7 +76,10 @@ def print_files(files: Iterable[str | Path]) -> None:
 
 
 def console() -> "Console":
-    """Return a console on standard output. Without a terminal and COLUMNS, the console is wide enough for any table."""
+    """Return a console on standard output.
+
+    If it is not a terminal and COLUMNS is not set, it is wide enough for any table.
+    """
     from rich.console import Console
 
     screen = Console(highlight=False, soft_wrap=False)

@@ -162,11 +162,12 @@ def _print_result(scenario: str, found: RareResult) -> None:
     else:
         interval = f"{of.low:.3g} to {of.high:.3g}, {100 * of.level:.0f} %"
         click.echo(f"{scenario}: fails with probability {of.value:.3g} ({interval})")
-    drawn = f"{len(found.plan.spread)} parameters" + (" and the noise" if found.has_noise else "; no noise")
+    drawn = f"parameters: {len(found.plan.spread)}" + (", and the noise" if found.has_noise else "; no noise")
     click.echo(f"{found.flown_runs} runs flown, {found.new_runs} of them new, in {found.wall_s:.1f} s; varied: {drawn}")
     if 0 < found.failing_roots < FEW:
         click.echo(
-            f"only {found.failing_roots} initial runs led to failures: interval may be too narrow; use more --runs"
+            f"initial runs that led to failures: only {found.failing_roots}; the interval may be too narrow; "
+            "use more --runs"
         )
     table = new_table(">margin below", ">points", ">share", ">steps accepted")
     before = found.roots

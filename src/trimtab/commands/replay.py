@@ -105,7 +105,7 @@ def command(
         return
     if out is not None:
         raise InputError(
-            "--out", "--out only applies to the replay of an estimator", fix="add --estimator, or leave --out out"
+            "--out", "applies only to the replay of an estimator", fix="add --estimator, or leave --out out"
         )
     recorded = rebuild_scenario(log, scenario)
     autopilot = replace_parts(recorded, choices) if choices else None

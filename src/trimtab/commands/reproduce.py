@@ -150,7 +150,7 @@ def confirmation_sentence(rows: Iterable[Row]) -> str:
     own = sum(row.basis not in PUBLISHED for row in every)
     return (
         f"{confirms} of {len(every)} rows confirm a value or statement of the publication; "
-        f"{own} rows compare with other values, and confirm nothing in the publication."
+        f"{own} of them compare with other values, and confirm nothing in the publication."
     )
 
 

@@ -62,7 +62,7 @@ def command(
 def _find_dynamics(model: StateSpaceModel) -> ZeroDynamics | str:
     """Return the zero dynamics of a model, or the reason why they cannot be computed."""
     if len(model.inputs) != len(model.outputs):
-        return f"{len(model.inputs)} inputs but {len(model.outputs)} outputs; name as many --input as --output"
+        return f"inputs: {len(model.inputs)}, outputs: {len(model.outputs)}; name as many --input as --output"
     try:
         return zero_dynamics(model, loose=idle_states(model))
     except InputError as error:

@@ -120,9 +120,10 @@ class _Fitting:
             right, unit = self.fit_literal(right, wanted) if literals[1] else self.fit_number(right)
             dimensions = (wanted, unit)
         if dimensions[0] != dimensions[1]:
-            units = [format_dimension(d) for d in dimensions]
-            problem = f"quantities in {units[0]} and {units[1]} are {how}"
-            fix = f"give both sides the unit {units[0]}, or multiply one side by a number with a unit"
+            units = [format_dimension(d) if d else "no unit" for d in dimensions]
+            problem = f"the units differ: {units[0]} and {units[1]} are {how}"
+            one = format_dimension(dimensions[0] or dimensions[1])
+            fix = f"give both sides the unit {one}, or multiply one side by a number with a unit"
             refuse_column(self.text, column, problem, fix=fix)
         return left, right, dimensions[0]
 

@@ -130,7 +130,8 @@ def _parse_fields(c: dict[str, Any], name: str) -> Certificate:
     if c["method"] not in METHODS or (c["method"] == "lqr") != (c["Q"] is not None):
         raise InputError(
             f"file '{name}', method",
-            f"must be 'lqr' with a matrix Q, or 'lmi' with Q = null, got {c['method']!r}",
+            f"must be 'lqr' with a matrix Q, or 'lmi' with Q = null, got {c['method']!r} "
+            f"with Q {'= null' if c['Q'] is None else 'given'}",
             choices=METHODS,
             fix=FIX,
         )
@@ -209,7 +210,7 @@ def _parse_array(value: Any, shape: tuple[int, ...], key: str, name: str) -> Any
         raise InputError(f"file '{name}', {key}", f"must be numbers of shape {shape}, got shape {array.shape}", fix=FIX)
     array = array.astype(float)
     if not (np.abs(array) <= LARGEST).all():
-        raise InputError(f"file '{name}', {key}", f"no number may be larger than {LARGEST:g}", fix=FIX)
+        raise InputError(f"file '{name}', {key}", f"the magnitude of a number is larger than {LARGEST:g}", fix=FIX)
     return array
 
 

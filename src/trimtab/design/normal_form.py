@@ -301,7 +301,7 @@ def _output_orders(
     find_indices("linear_normal_form.degrees", degrees, model.outputs)
     orders = [degrees.get(n, 0) for n in model.outputs]
     if len(model.outputs) != len(model.inputs) or min(orders, default=0) < 1:
-        problem = f"got {len(model.outputs)} outputs, {len(model.inputs)} inputs and the degrees {dict(degrees)}"
+        problem = f"outputs: {len(model.outputs)}, inputs: {len(model.inputs)}, degrees: {dict(degrees)}"
         raise InputError(
             "linear_normal_form.degrees",
             problem,

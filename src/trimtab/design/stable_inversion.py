@@ -165,7 +165,9 @@ def _check_arguments(A: Any, guess: Any, dt: float, scales: Any, left: Any, righ
         part = f"bounded_solution.{name}"
         if np.shape(value) != shape:
             problem = f"must have shape {shape}, got {np.shape(value)}"
-            raise InputError(part, problem, fix=f"give an array of shape {shape}, because `scales` has {k} elements")
+            raise InputError(
+                part, problem, fix=f"give an array of shape {shape}, because the length of `scales` is {k}"
+            )
         if not np.isfinite(value).all():
             raise InputError(part, "must be finite", fix="give finite values")
     if len(guess) < 2 or not dt > 0:

@@ -164,7 +164,7 @@ def _check_rest(model: StateSpaceModel, linear: LinearModel, loose: list[str]) -
         raise InputError(
             "zero_dynamics",
             f"the point is not an equilibrium: {text}",
-            fix="find a trim with trimtab.design.trim, or list the states that may change in loose",
+            fix="find a trim with trimtab.design.trim, or name in loose the states that may change",
         )
     depends = [model.states[i] for i in away if np.abs(np.delete(linear.A, away, axis=0)[:, i]).any()]
     if depends:

@@ -159,8 +159,8 @@ def _reverse(scenario: Scenario, calibration: Calibration) -> tuple[dict[str, li
     P = joint_covariance(calibration, names)
     texts = _along(_square_root(P))
     note = (
-        f"{REVERSE} is varied along {len(texts)} eigenvectors of its covariance; if the thrust does not rise with fan "
-        "speed, its coefficients are moved towards the calibrated values"
+        f"{REVERSE} is varied along the eigenvectors of its covariance ({len(texts)} of them); if the thrust does not "
+        "rise with fan speed, its coefficients are moved towards the calibrated values"
     )
     return {f"{path}.thruster.reverse_ratio": texts for path in drives}, note
 

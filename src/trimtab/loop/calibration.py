@@ -241,7 +241,7 @@ def _read_entry(where: str, table: Any) -> Entry:
     if not np.isfinite(value).all():
         raise InputError(where, "the value is not finite", fix=fix)
     if error is not None and (error.shape != value.shape or not (np.isfinite(error) & (error >= 0)).all()):
-        problem = f"standard_error must have the shape of value and contain {value.size} finite numbers, none negative"
+        problem = "standard_error must have the shape of value, with finite numbers that are not negative"
         raise InputError(where, problem, fix="leave standard_error out if it is unknown")
     texts = {n: str(table[n]) for n in ("unit", "source", "procedure") if n in table}
     return Entry(value.tolist(), standard_error=None if error is None else error.tolist(), freedom=freedom, **texts)

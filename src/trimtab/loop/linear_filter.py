@@ -172,5 +172,9 @@ def _refuse_unseen(linear: LinearModel, others: list[str]) -> None:
                 f"{', '.join(linear.outputs)} cannot observe the mode with pole {pole} 1/s, which appears in "
                 f"{', '.join(mode.states)}"
             )
-            fix = f"use another measurement, e.g. noise={{{others[0]!r}: …}}" if others else "add a sensor of this mode"
+            fix = (
+                f"use another measurement, e.g. noise={{{others[0]!r}: …}}"
+                if others
+                else "add a sensor that observes this mode"
+            )
             raise InputError("design_filter", problem, choices=others, fix=fix)

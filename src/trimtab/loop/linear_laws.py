@@ -141,11 +141,11 @@ def compensator_law(system: Any, reads: Sequence[str], x0: Any, u0: Any, *, peri
     A, B, C, D = discrete_matrices(system, period * SECONDS_PER_UNIT)
     wanted = (int(np.size(record_vector(u0))), int(np.size(x0)))
     if D.shape != wanted:
-        problem = f"the compensator has {D.shape[1]} inputs and {D.shape[0]} outputs"
+        problem = f"inputs of the compensator: {D.shape[1]}, outputs: {D.shape[0]}"
         raise InputError(
             "compensator",
             problem,
-            fix=f"use a compensator with {wanted[1]} inputs (errors) and {wanted[0]} outputs (inputs of the vehicle)",
+            fix=f"use a compensator with inputs (errors): {wanted[1]}, outputs (inputs of the vehicle): {wanted[0]}",
         )
     return StateSpaceLaw(tuple(reads), A, B, C, D, np.ravel(np.asarray(x0, float)), u0, period)
 

@@ -41,10 +41,9 @@ class PilotScript:
         """Raise InputError if the times don't rise by a period or more, or if times and requests differ in number."""
         times, requests = np.asarray(self.times), np.asarray(self.requests)
         if times.ndim != 1 or times.shape != requests.shape or (np.diff(times) < self.period).any():
-            counts = f"{len(times)} and {len(requests)}"
             problem = (
-                f"there must be one time for each request, and times must rise by a period or more; "
-                f"got {counts} times and requests"
+                "there must be one time for each request, and times must rise by a period or more; "
+                f"times: {len(times)}, requests: {len(requests)}"
             )
             fix = f"write one time per request, with at least {self.period} units of 100 ns between two times"
             raise InputError("times", problem, fix=fix)

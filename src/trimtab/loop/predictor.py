@@ -113,10 +113,9 @@ class Predictor:
     measurement, so that model errors do not accumulate beyond one horizon. A command is sent every `period`. Between
     two commands, prediction and demand do not change.
 
-    Known quantities: age of the measurement (from the sample's time stamp), and mean delay of commands
-    (`uplink_delay`). Not modelled: jitter of the uplink, and lost commands. Commands are assumed to arrive after the
-    mean delay. Source:  O. J. M. Smith, "Closer control of loops with dead time", Chem. Eng. Prog. 53 (1957); A. Z.
-    Manitius,
+    Known:   age of the measurement (from the sample's time stamp), and mean delay of commands (`uplink_delay`).
+    Not modelled: jitter of the uplink, and lost commands. Commands are assumed to arrive after the mean delay.
+    Source:  O. J. M. Smith, "Closer control of loops with dead time", Chem. Eng. Prog. 53 (1957); A. Z. Manitius,
              A. W. Olbrot, "Finite spectrum assignment problem for systems with delays", IEEE TAC 24 (1979), for the
              prediction from a measured state over the inputs in transit.
     """

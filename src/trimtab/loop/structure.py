@@ -43,10 +43,7 @@ def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) 
         fault = describe_fault(error)
         name = type(inputs[-1]).__name__ if inputs else "nothing"
         problem = f"does not fit {reads}, which provides {name}: {fault.place}{fault.problem}"
-        other = (
-            f"connect {part} to an input that has the fields read by {part}, "
-            f"or replace {part} by a part that reads {name}"
-        )
+        other = f"give {part} an input with the fields that it reads, or use another part that reads {name}"
         fix = fault.fix or (f"read one of these, or add the missing field to {name}" if place_of(function) else other)
         raise InputError(part, problem, choices=fault.choices, fix=fix) from error
     return jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shape)

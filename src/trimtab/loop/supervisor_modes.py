@@ -50,5 +50,5 @@ def explain_requests(mode: int, check: int) -> dict[str, str]:
         "hold": "" if mode in (FLYING, LOST) else f"the mode is {name}, not flying",
         "resume": objection if mode == HOLD else f"the mode is {name}, not hold",
         "end": "" if under_way else f"the mode is {name}, not in flight",
-        "clear": "" if mode in (FAULT, ENDED) else f"mode {name} has no fault or end to clear",
+        "clear": "" if mode in (FAULT, ENDED) else f"nothing to clear in mode {name}",
     }

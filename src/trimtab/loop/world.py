@@ -86,7 +86,7 @@ class World(Generic[V]):
         """Raise InputError if quaternions are to be integrated as rotations, but the vehicle names no quaternions."""
         named = optional_member(self.vehicle, "QUATERNIONS")
         if self.integration is not None and self.integration.attitude == "group" and not named:
-            problem = f"{type(self.vehicle).__name__} names no quaternion in QUATERNIONS, as attitude 'group' requires"
+            problem = f"attitude 'group' needs a vehicle with QUATERNIONS, but {type(self.vehicle).__name__} has none"
             fix = argument("settings", "numbers", "world.integration.attitude")
             fix += ', or write  QUATERNIONS = ("NAME",)  in the vehicle'
             raise InputError("integration.attitude", problem, fix=fix)

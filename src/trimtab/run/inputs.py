@@ -125,9 +125,9 @@ def _run_words(first: Any, count: int, runs: Iterable[Any]) -> Any:
     words = np.asarray(runs if isinstance(runs, np.ndarray) else list(runs), np.int64)
     if len(words) != count or words.ndim > 1 + np.ndim(first):
         fix = "use as many run numbers as seeds"
-        raise InputError("simulate_batch", f"got {len(words)} run numbers for {count} seeds", fix=fix)
+        raise InputError("simulate_batch", f"run numbers: {len(words)}, seeds: {count}", fix=fix)
     if words.ndim == 2 and words.shape[1:] != np.shape(first):
-        problem = f"got {words.shape[1]} random key words for each run, but the scenario has {np.size(first)}"
+        problem = f"random key words for each run: {words.shape[1]}, in the scenario: {np.size(first)}"
         raise InputError("simulate_batch", problem, fix="use one number for each entry in the scenario's field `words`")
     for number in (words.min(), words.max()) if words.size else ():
         check_seed(int(number))

@@ -213,7 +213,7 @@ def test_rejects_inconsistent_parts():
     one = UltrasonicInertial(positioning=RangingPosition(), inertial=AidedInertialCoupled())
     one.check()
     ahead = RangingPosition(units=PAIR[:1])
-    with pytest.raises(InputError, match=r"arms\.aiding must be \[0\.2 0\. \] for 1 ultrasonic unit"):
+    with pytest.raises(InputError, match=r"arms\.aiding must be \[0\.2 0\. \] with 1 ultrasonic unit, got"):
         replace(one, positioning=ahead).check()
     replace(one, positioning=ahead, inertial=replace(one.inertial, arms=LeverArms(aiding=PAIR[0, :2]))).check()
     assert one.listens == ("imu", "ranging")

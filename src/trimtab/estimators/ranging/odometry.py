@@ -121,7 +121,7 @@ class RadioFix:
     restarts: Scalar = quantity(
         "1", "Number of restarts of the pose from ranges that agree with each other.", kind="count"
     )
-    late: Scalar = quantity("1", "Number of messages without an odometry sample near in time; unused.", kind="count")
+    late: Scalar = quantity("1", "Number of unused messages: no odometry sample was near in time.", kind="count")
 
 
 @record

@@ -141,7 +141,7 @@ class UltrasonicInertial:
         lever = np.asarray(self.positioning.units)[0, :2] if units == 1 else np.zeros(2)
         if not np.allclose(self.inertial.arms.aiding, lever):
             problem = (
-                f"inertial.arms.aiding must be {lever} for {units} ultrasonic unit(s), got "
+                f"inertial.arms.aiding must be {lever} with {units} ultrasonic unit{'s' * (units != 1)}, got "
                 f"{np.asarray(self.inertial.arms.aiding)}"
             )
             fix = (

@@ -66,7 +66,8 @@ def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, .
         along = distribution.kind == ALONG
         if match and along != (":" in text):
             problem = (
-                f"{distribution.text!r} moves an array along a direction; the path must end in a number for it, e.g. :1"
+                f"{distribution.text!r} moves an array along a direction; "
+                "the path must end in the number of the direction, e.g. :1"
                 if along
                 else "ends in the number of a direction, but only along(…) has a direction"
             )

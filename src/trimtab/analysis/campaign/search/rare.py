@@ -245,7 +245,8 @@ class _Study:
             self.ladder = splitting.set_ladder(self.margins, rng, size, self.d, self.words)
         except splitting.Stalled as stalled:
             problem = (
-                f"after {stalled.flown} runs the margin stays at {stalled.level:.4g} and does not approach 0, a failure"
+                f"after {stalled.flown} runs the margin stays at {stalled.level:.4g} and does not approach 0, "
+                "where a failure begins"
             )
             fix = "use a condition with a metric that approaches the bound gradually, e.g. the peak of an error"
             raise InputError(argument_name("success"), problem, fix=fix) from None
