@@ -4,6 +4,7 @@ from collections import defaultdict
 
 import click
 import pytest
+from click.testing import CliRunner
 
 from trimtab.cli import main
 
@@ -53,6 +54,14 @@ def group_meanings(verbs):
 def test_option_has_one_meaning_in_all_verbs():
     several = {name: dict(of) for name, of in group_meanings(read_verbs()).items() if len(of) > 1}
     assert several == {}
+
+
+@pytest.mark.parametrize("group", ["", "calibrate"])
+def test_list_of_commands_cuts_no_summary_at_80_columns(group):
+    done = CliRunner().invoke(main, [*group.split(), "--help"], terminal_width=80)
+    cut = [line for line in done.output.partition("Commands:")[2].splitlines() if line.endswith("...")]
+    assert "Commands:" in done.output
+    assert cut == []
 
 
 def test_every_option_has_a_help_text():

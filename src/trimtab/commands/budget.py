@@ -45,7 +45,7 @@ def command(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Compute the errors that each imperfection of a scenario causes.
+    """Compute the errors that each imperfection causes.
 
     Flies the same flights with all imperfections, with all except one, with only one, and with none. Reports the
     deviation from the targets and the navigation error in the second half of the flight. With --navigation ins there

@@ -11,7 +11,7 @@ from trimtab.commands.calibrate_noise import calibrate_noise
 
 @click.group()
 def command() -> None:
-    """Calibrate parameters of a control loop from measured data, with uncertainties.
+    """Calibrate parameters of a control loop from measured data. Every result has a standard error.
 
     Each procedure reads a CSV file with units in its headings, and adds its results to a calibration file. Commands
     that simulate, analyse or fly a scenario use this file with --calibration.

@@ -63,7 +63,7 @@ AMOUNTS = {"force": "N", "rudder": "rad", "arm": "m", "mass": "kg", "division": 
 @DRAW
 @JSON
 def calibrate_rudder(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Calibrate the servo: DATA has columns pulse [us] and angle [deg].
+    """Calibrate the servo. DATA has columns pulse [us] and angle [deg].
 
     Measure at pulses of 1.00, 1.05 … 2.00 ms in rising order, then in falling order. An optional column way
     (1: rising, -1: falling) states the direction, so that the play of the linkage is not taken for scatter.
@@ -87,7 +87,7 @@ def calibrate_rudder(data: Path, out: Path | None, plot: Path | None, as_json: b
 @DRAW
 @JSON
 def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Calibrate the force direction: DATA has columns rudder [deg] and hull [deg].
+    """Calibrate the force direction. DATA has columns rudder [deg] and hull [deg].
 
     Tie the craft to a fixed point with a string, and turn the fan on. Column hull is the angle from the nose to the
     string, which is the angle of the force.
@@ -113,7 +113,7 @@ def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: boo
 @DRAW
 @JSON
 def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Calibrate the fan's thrust: DATA has columns rudder [deg], speed [rpm] and force [N] (or gf, ozf).
+    """Calibrate the fan's thrust. DATA has columns rudder [deg], speed [rpm] and force [N] (or gf, ozf).
 
     The rudder angle of the largest thrust is read from the file in --out, if `trimtab calibrate hull` wrote it there.
     """
@@ -143,7 +143,10 @@ def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: b
 @DRAW
 @JSON
 def calibrate_reverse(data: Path, division: float, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Calibrate the ratio of reverse to forward thrust: DATA has columns speed [rpm], forward [N] and reverse [N]."""
+    """Calibrate the ratio of reverse to forward thrust.
+
+    DATA has columns speed [rpm], forward [N] and reverse [N].
+    """
     rows = read_measurements(data, thrust.REVERSE_COLUMNS)
     fit = thrust.fit_reverse(rows, division / np.sqrt(12))
     n = np.linspace(rows["speed"].min(), rows["speed"].max(), 100) * 1e-3
@@ -182,7 +185,9 @@ def calibrate_inertia(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Calibrate the moment of inertia: DATA is a table of spin-ups, or with --force and --rudder the log of a spin-up.
+    """Calibrate the moment of inertia from a spin-up.
+
+    DATA is a table of spin-ups, or, with --force and --rudder, the log of a spin-up.
 
     A table has columns rudder [deg], force [N] and slope [rad/s^2]. The log of a spin-up has columns time [s] and
     yaw_rate [deg/s], and begins before the craft is released. The linear rise of the yaw rate is found automatically.
@@ -230,7 +235,10 @@ def calibrate_inertia(
 @DRAW
 @JSON
 def calibrate_friction(data: Path, mass: float | None, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Calibrate friction from coast-downs: DATA has time [s], yaw_rate [rad/s] or speed [m/s], and optionally trial."""
+    """Calibrate friction from coast-downs.
+
+    DATA has columns time [s], yaw_rate [rad/s] or speed [m/s], and optionally trial.
+    """
     head = data.read_text(encoding="utf-8-sig").splitlines()[:1] if data.is_file() else []
     kind, speed = ("force", "speed") if head and "speed" in head[0] else ("torque", "yaw_rate")
     columns = coast_down.GLIDE_COLUMNS if kind == "force" else coast_down.SPIN_COLUMNS
@@ -263,7 +271,10 @@ def calibrate_friction(data: Path, mass: float | None, out: Path | None, plot: P
 @DRAW
 @JSON
 def calibrate_gyro(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Calibrate the dynamics of a gyro from a sweep: DATA has columns time [s], reference [rad/s] and gyro [rad/s]."""
+    """Calibrate the dynamics of a gyro from a sweep.
+
+    DATA has columns time [s], reference [rad/s] and gyro [rad/s].
+    """
     rows = read_measurements(data, gyro_response.COLUMNS, series=True)
     fit = gyro_response.fit_gyro(rows)
     t, good = rows["time"] - rows["time"][0], np.ones(len(rows), bool)

@@ -132,7 +132,10 @@ def print_entries(title: str, calibration: Calibration) -> None:
 @click.argument("file", type=FILE)
 @JSON
 def show(file: Path, as_json: bool) -> None:
-    """Show the parameters in a calibration file, with 95 % intervals and sources."""
+    """Show the parameters in a calibration file.
+
+    Each parameter comes with its 95 % interval and its source.
+    """
     calibration = read_calibration(file)
     if as_json:
         print_json({"sha256": calibration.content_hash(), "entries": entries_json(calibration)})
@@ -149,7 +152,10 @@ def show(file: Path, as_json: bool) -> None:
 @SEED
 @JSON
 def compare(a: Path, b: Path, scenario: str | None, seed: int, as_json: bool) -> None:
-    """Show the differences between two calibration files, and how the differences change the flight of a scenario."""
+    """Show the differences between two calibration files.
+
+    With a scenario, also show how the differences change its flight.
+    """
     one, two = read_calibration(a), read_calibration(b)
     changes = compare_calibrations(one, two)
     flown = {} if scenario is None else _fly_both(scenario, a, b, seed)

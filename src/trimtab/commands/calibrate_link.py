@@ -34,7 +34,10 @@ FAR = 10.0
 @DRAW
 @JSON
 def calibrate_link(data: Path, way: str, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Calibrate the delays of a radio link: DATA is a recording of `trimtab link-test --out` (sent_s, latency_s)."""
+    """Calibrate the delays of a radio link.
+
+    DATA is a recording of `trimtab link-test --out` (columns sent_s and latency_s).
+    """
     trace = read_trace(data)
     notes = _check_trace(f"file {data.name!r}", trace)
     model = fit_delay_model(trace)

@@ -80,7 +80,9 @@ def calibrate_noise(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Estimate white noise, flicker and random walk of a sensor at rest, and Q and R for a filter.
+    """Estimate a resting sensor's noise, and Q and R for a filter.
+
+    The noise is split into white noise, flicker and random walk.
 
     DATA is a log of `trimtab run … --out`, or a CSV file with a time column and units in its headings. Axes of an
     inertial unit are recognised by unit and name (gyro_z [deg/s], accel_x [g]), and are written as parameters of the

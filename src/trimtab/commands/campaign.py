@@ -135,7 +135,9 @@ def command(
     as_json: bool,
     **plan: Any,
 ) -> None:
-    """Estimate the success rate of a scenario over many runs, with confidence bounds.
+    """Estimate the success rate of a scenario over many runs.
+
+    The rate comes with confidence bounds.
 
     The parameters of a run depend only on the seed and on the run's number. Distributions: normal(MEAN, STD),
     truncated(MEAN, STD, LOW, HIGH), lognormal(MEDIAN, STD_OF_LOG), uniform(LOW, HIGH), loguniform(LOW, HIGH),

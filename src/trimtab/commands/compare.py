@@ -36,10 +36,10 @@ AGAIN = "flown again"
 @PLOT("Draw the earliest differing signals to this picture.")
 @JSON
 def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Find the first difference between two logs, or between a log and a rerun of the logged flight.
+    """Find the first difference between two logs.
 
-    Compares all signals that both logs have, at the instants that both logs have, without tolerance. Exit code 1 if
-    they differ.
+    With one log, the second log is a rerun of the logged flight. All signals that both logs have are compared, at the
+    instants that both logs have, without tolerance. Exit code 1 if they differ.
 
     \b
     trimtab compare before/run.mcap after/run.mcap --plot both.png

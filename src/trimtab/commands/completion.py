@@ -10,7 +10,9 @@ VARIABLE = "_TRIMTAB_COMPLETE"
 @click.command()
 @click.argument("shell", type=click.Choice(SHELLS))
 def command(shell: str) -> None:
-    """Print the shell script that completes subcommands, options, scenarios and paths of settings.
+    """Print the script that lets your shell complete trimtab.
+
+    The script completes subcommands, options, scenarios and paths of settings.
 
     \b
     trimtab completion bash >> ~/.bashrc

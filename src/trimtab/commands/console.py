@@ -72,7 +72,9 @@ def command(
     private_key: Path | None,
     opens: bool,
 ) -> None:
-    """Fly a scenario's simulated craft from a page in a browser, or view recorded flights or a campaign.
+    """Fly a simulated craft from a page in a browser.
+
+    The page also shows recorded flights and campaigns.
 
     Starts the simulated vehicle, its autopilot and the page's server, and prints the page's address. Ctrl-C stops all
     three. Steer with the arrow keys, a gamepad, or the pad on the page; the space bar stops the flight. For a real

@@ -27,10 +27,10 @@ ENDING = ".rrd"
 @click.option("--period", metavar="TIME", default="10 ms", show_default=True, help="Period of the written poses.")
 @JSON
 def command(file: Path, kind: str, out: Path, scenario: str | None, period: str, as_json: bool) -> None:
-    """Convert a flight for other viewers: a ROS 2 bag with Odometry, Imu and tf, or a Rerun recording.
+    """Convert a flight to a ROS 2 bag or a Rerun recording.
 
-    A bag uses the axes of ROS: world axes east, north, up; body axes forward, left, up. Foxglove opens bags and
-    trimtab's logs.
+    A bag holds Odometry, Imu and tf. A bag uses the axes of ROS: world axes east, north, up; body axes forward,
+    left, up. Foxglove opens bags and trimtab's logs.
 
     \b
     trimtab convert flight/run.mcap --as ros2 --out bag          and then:  ros2 bag play bag

@@ -24,7 +24,7 @@ other scenarios:            trimtab list"""
 @JSON
 @click.pass_context
 def command(context: click.Context, seed: int, out: Path | None, as_json: bool) -> None:
-    """Fly the hovercraft to a position over its radio link, ideal and real.
+    """Fly the hovercraft to a position, ideal and real.
 
     Uses the craft of the thesis with its measured Bluetooth latencies. Writes trimtab-demo.png and explains this
     picture.

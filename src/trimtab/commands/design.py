@@ -44,7 +44,11 @@ FUNCTION = "certified_system"
     help="Method: Riccati equation (lqr), or a solver for matrix inequalities (lmi).  [default: lqr]",
 )
 @click.option(
-    "--filter", "filter_", metavar="KIND", help="Kind of filter that estimates the unmeasured states.  [default: tuned]"
+    "--filter",
+    "filter_",
+    metavar="KIND",
+    help="Kind of filter that estimates the unmeasured states, for `hypersonic`: tuned, equal, accurate, printed or "
+    "none.  [default: tuned]",
 )
 @click.option("--integral", is_flag=True, help="Add integral action to the feedback.")
 @click.option(
@@ -79,7 +83,9 @@ def command(
     as_json: bool,
     **gain: Any,
 ) -> None:
-    """Design a feedback gain with a certificate that proves its stability, or prove an existing certificate again.
+    """Design a gain, and a certificate that proves its stability.
+
+    With --check: prove an existing certificate again.
 
     A certificate belongs to a named system with settings. --check rebuilds that system from scratch, compares it with
     every matrix, weight and number in the file, and proves each condition in exact arithmetic, without the solver that

@@ -45,7 +45,7 @@ BOARDS = ("cortex-m4", "cortex-m7")
 @OUT("DIR", "Write C code, a test program and test vectors to this folder, or an FMU to this file.")
 @click.option("--steps", type=click.IntRange(1), default=2000, show_default=True, help="Number of test vectors.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the test vectors.")
-@click.option("--fly", is_flag=True, help="Run the code on the emulated board of --target.")
+@click.option("--fly", is_flag=True, help="Run the newly written code on the emulated board of --target.")
 @click.option("--wasm", "web", is_flag=True, help="Write a self-contained web page that simulates the loop.")
 @click.option(
     "--slider",
@@ -59,7 +59,7 @@ BOARDS = ("cortex-m4", "cortex-m7")
     "check",
     type=FILE,
     metavar="DIR",
-    help="Compile the code in this exported folder, and check that the results equal those of the simulation.",
+    help="Compile this exported folder, and compare its results with the simulation (with --target: on the board too).",
 )
 @SET
 @NAVIGATION
@@ -77,7 +77,7 @@ def command(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Write a scenario's autopilot as C for a microcontroller, and verify that the C code computes the same results.
+    """Write a scenario's autopilot as C for a microcontroller. --verify compares the C code with the simulation.
 
     \b
     trimtab export hovercraft/zero-velocity --out autopilot

@@ -66,10 +66,10 @@ from trimtab.core.cache_folder import enable_cache
 def command(
     scenario: str, runs: int, store: Path | None, out: Path | None, plot: Path | None, as_json: bool, **options: Any
 ) -> None:
-    """Search within given bounds for the parameters with which a scenario performs worst.
+    """Find the parameters with which a scenario performs worst.
 
-    The bounds are the limits of the given distributions. Exit code 1 if a failure was found, 0 if none was found. A
-    search without a failure does not prove that the scenario never fails.
+    The search stays within the limits of the given distributions. Exit code 1 if a failure was found, 0 if none was
+    found. A search without a failure does not prove that the scenario never fails.
 
     \b
     trimtab falsify hovercraft/zero-velocity --spread 'world.vehicle.mass=uniform(80%, 120%)' \\

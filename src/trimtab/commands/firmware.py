@@ -46,7 +46,9 @@ def command(
     key: Path | None,
     as_json: bool,
 ) -> None:
-    """Write a scenario's vehicle as C firmware for a microcontroller: simulated world, failsafe and radio protocol.
+    """Write a vehicle as C firmware for a microcontroller.
+
+    The firmware holds the simulated world, the failsafe and the radio protocol.
 
     On the emulated board the exported world replaces the hardware. All other code is that of a real craft.
 

@@ -127,7 +127,9 @@ def command(
     opens: bool,
     as_json: bool,
 ) -> None:
-    """Fly a vehicle over a real link with a scenario's compiled autopilot, in real time.
+    """Fly a vehicle over a real link with a scenario's autopilot.
+
+    The compiled autopilot runs in real time.
 
     Waits for the vehicle, synchronises with its clock, arms it when the estimate is valid, flies for the scenario's
     duration and disarms. A supervisor monitors speeds, the link and the estimate's age; --set supervisor=none disables

@@ -63,7 +63,9 @@ def command(
     settings: dict[str, str],
     as_json: bool,
 ) -> None:
-    """Identify parameters of a vehicle from flights, by maximum likelihood, with 95 % intervals.
+    """Identify parameters of a vehicle from flights.
+
+    The estimates are maximum-likelihood estimates with 95 % intervals.
 
     The logs must contain commands and measured states of the vehicle, e.g. north, east and heading from motion
     capture, at any rate. Gaps are allowed. Parameters that the data cannot separate are reported. Logs of other systems

@@ -96,7 +96,9 @@ def command(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Linearise a vehicle about a trim: poles with frequency, damping and participating states, zeros, Gramians.
+    """Linearise a vehicle about a trim: poles, zeros and Gramians.
+
+    Each pole comes with frequency, damping and participating states.
 
     VEHICLE and --at are as in `trimtab trim`. For a vehicle with a quaternion, the attitude states are the three
     angles of rotation from steady flight. --state, --input and --output keep only the named states, inputs and outputs;

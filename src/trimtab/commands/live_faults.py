@@ -64,7 +64,9 @@ def command(
     page: Path | None,
     as_json: bool,
 ) -> None:
-    """Inject over a hundred faults into link, processes and computer of a vehicle and an autopilot in flight.
+    """Inject over a hundred faults into simulated live flights.
+
+    The faults hit the link, the processes and the computer of a vehicle and an autopilot.
 
     Each case is a short flight in virtual time. Vehicle, outputs, autopilots and attackers run in one process on one
     clock, so a flight is repeatable from its seed, bit for bit. Exit code 1: a vehicle was not safe, a program crashed,

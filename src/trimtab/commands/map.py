@@ -83,7 +83,7 @@ def command(
     as_json: bool,
     **grid: Any,
 ) -> None:
-    """Map the region in the plane of two parameters where a scenario succeeds.
+    """Map where a scenario succeeds in the plane of two parameters.
 
     Flies a coarse grid, then halves only the cells that contain the boundary. An axis is delay, jitter or loss of the
     link, or any parameter by its path. Without --success, every target must stay in its band for the last third of the

@@ -65,7 +65,7 @@ def complete_kinds(context: click.Context, parameter: click.Parameter, start: st
 @JSON
 @click.pass_context
 def command(context: click.Context, kind: str, name: str, out: Path | None, as_json: bool) -> None:
-    """Write a working template of a new part, with a test and a docs page, for you to edit.
+    """Write a template of a new part, with a test and a docs page.
 
     KIND is vehicle, law, sensor, estimator, link, actuator or scenario. NAME.py contains the part and a
     complete scenario in which the part is used. For a scenario the file is NAME.toml.

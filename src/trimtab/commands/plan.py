@@ -17,7 +17,9 @@ from trimtab.core.cache_folder import enable_cache
 @click.option("--speed", type=click.FloatRange(0.05, 1.0), default=0.5, show_default=True, help="Maximum speed, m/s.")
 @JSON
 def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_json: bool) -> None:
-    """Plan a path between obstacles within the craft's limits, or explain why no path was found.
+    """Plan a path between obstacles within the craft's limits.
+
+    If there is no such path, the command prints the reason.
 
     The file contains the size of the floor, obstacles (circles and polygons), the width of the craft, start and goal. A
     path is searched and smoothed. The plan is the flight of the hovercraft's model along this path, within the limits

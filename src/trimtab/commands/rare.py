@@ -52,11 +52,12 @@ FEW = 20
 )
 @JSON
 def command(scenario: str, runs: int, out: Path | None, as_json: bool, **options: Any) -> None:
-    """Estimate the probability of a failure that is too rare for a plain campaign.
+    """Estimate the probability of a rare failure.
 
-    Uses multilevel splitting: from level to level the margin to failure decreases, while parameters and noise are
-    changed a little. The interval is a 95 % confidence interval. With --out the state is stored after each round. The
-    same command resumes from there, and a larger --runs adds runs.
+    Use this command if a campaign of a few thousand runs finds no failure. The method is multilevel splitting: from
+    level to level the margin to failure decreases, while parameters and noise are changed a little. The interval is
+    a 95 % confidence interval. With --out the state is stored after each round. The same command resumes from
+    there, and a larger --runs adds runs.
 
     \b
     trimtab rare hovercraft/spin --set duration=3 --spread 'world.vehicle.mass=normal(100%, 5%)' \\

@@ -77,7 +77,9 @@ def command(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Replay the frames of a recorded flight through its autopilot, and check that the outputs are bit-identical.
+    """Replay a recorded flight through its autopilot.
+
+    The command checks that the outputs are bit-identical to the recorded ones.
 
     If the outputs differ, the first difference is printed, and the exit code is 1. --with replays the frames with
     another part of the autopilot instead, and prints the errors of both autopilots if the log contains the true state.

@@ -43,7 +43,7 @@ GroupRows = list[tuple[StudyGroup, list[Row]]]
 )
 @JSON
 def command(study: str | None, only: tuple[str, ...], out: Path | None, report: Path | None, as_json: bool) -> None:
-    """Recompute a publication's figures, and compare printed with computed values.
+    """Compare a publication's printed values with computed values.
 
     Exit code 1 if a value that should be reproduced is not. Without STUDY, the studies and their groups of figures are
     listed.

@@ -26,7 +26,9 @@ RESTS = 1e-9
 @OUT("FILE", "Write the trim point to this file (JSON).")
 @JSON
 def command(vehicle: str, at: tuple[str, ...], settings: dict[str, str], out: Path | None, as_json: bool) -> None:
-    """Find the states and inputs of a steady motion: at rest, in level flight, in a steady turn.
+    """Find the states and inputs of a steady motion.
+
+    Examples are rest, level flight and a steady turn.
 
     VEHICLE is a scenario (its vehicle and initial state are used), a model of the package, or FILE.py:function. The
     function returns a Scenario, (vehicle, x, u) or a model. By default all inputs and states are free, positions and

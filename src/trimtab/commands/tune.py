@@ -61,7 +61,7 @@ def parse_gains(context: click.Context, parameter: click.Parameter, values: tupl
     type=click.IntRange(2),
     default=256,
     show_default=True,
-    help="Number of runs for validation only.",
+    help="Number of additional runs, in which the tuned gains are validated.",
 )
 @click.option(
     "--iterations",

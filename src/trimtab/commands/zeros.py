@@ -29,7 +29,9 @@ def command(
     settings: dict[str, str],
     as_json: bool,
 ) -> None:
-    """Find the zeros between inputs and outputs of a vehicle, and what the zeros mean for tracking.
+    """Find the zeros between inputs and outputs of a vehicle.
+
+    The command also prints what the zeros mean for tracking.
 
     VEHICLE and --at are as in `trimtab trim`. If there are as many inputs as outputs, a verdict is printed too: minimum
     phase, or not minimum phase, with the states that diverge while the outputs are held constant.
