@@ -8,8 +8,8 @@ from trimtab.scenarios import catalogue
 
 
 def main() -> None:
-    """Spin on the spot at 3 rad/s, radio in the loop."""
-    scenario, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins"})
+    """Drive forward, with the radio in the loop."""
+    scenario, _ = catalogue.load_scenario("hovercraft/forward", {"navigation": "ins"})
     log = simulate(scenario, seed=1)
     for name, state in state_series(log).items():
         if state.error is not None:

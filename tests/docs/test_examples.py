@@ -2,12 +2,14 @@
 
 import json
 import runpy
-import subprocess
 import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import pytest
+from click.testing import CliRunner
+
+from trimtab.cli import main
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -36,11 +38,11 @@ def test_example_is_short_and_runs(file, tmp_path, monkeypatch):
     runpy.run_path(str(file), run_name="__main__")
 
 
-def test_vehicle_outside_the_package_flies(tmp_path):
+def test_vehicle_outside_the_package_flies(tmp_path, monkeypatch):
     (tmp_path / "my_boat.py").write_text((ROOT / "examples" / "my_boat.py").read_text(encoding="utf-8"), "utf-8")
-    command = [sys.executable, "-m", "trimtab", "run", "my_boat.py:scenario", "--json"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(main, ["run", "my_boat.py:scenario", "--json"], catch_exceptions=False)
+    assert done.exit_code == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["ideal"]["final"]["surge_velocity"] == pytest.approx(1.0, rel=1e-6)  # the drag is fed forward
     assert result["ideal"]["final"]["heading"] == pytest.approx(1.0, abs=1e-6)

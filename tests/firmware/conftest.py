@@ -15,7 +15,7 @@ from trimtab.scenarios import catalogue
 
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-fwrapv"]
 PARTS = ("portable", "drive", "emulated", "exported")
-SANITIZERS = ["-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+SANITIZERS = ["-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 
 def compile_here(folder, output, *arguments):

@@ -83,9 +83,7 @@ def command(
     as_json: bool,
     **gain: Any,
 ) -> None:
-    """Design a gain, and a certificate that proves its stability.
-
-    With --check: prove an existing certificate again.
+    """Design a gain, and a certificate that proves its stability. With --check: prove an existing certificate again.
 
     A certificate belongs to a named system with settings. --check rebuilds that system from scratch, compares it with
     every matrix, weight and number in the file, and proves each condition in exact arithmetic, without the solver that
