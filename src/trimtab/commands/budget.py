@@ -22,12 +22,15 @@ from trimtab.scenarios.build import build
 @SCENARIO
 @FLIGHT
 @click.option(
-    "--without", multiple=True, metavar="FAULT", help="Switch one imperfection off in all runs. May be repeated."
+    "--without",
+    multiple=True,
+    metavar="IMPERFECTION",
+    help="Switch one imperfection off in all runs. May be repeated.",
 )
 @click.option(
     "--only",
     multiple=True,
-    metavar="FAULT",
+    metavar="IMPERFECTION",
     help="Restrict the budget to this imperfection. May be repeated.  [default: all]",
 )
 @RUNS(20, "Number of flights for each combination of imperfections.")

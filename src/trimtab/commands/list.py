@@ -112,7 +112,8 @@ def print_settings(
         fields = ", ".join(p for p, _, _ in leaves(declared.optional))
         table.add_row(f"{path}.…", "none", "", f"{declared.doc} Setting one of these adds this part: {fields}.")
     print_table(table)
-    click.echo(f"--without {' | '.join(faults)}")
+    if faults:
+        click.echo(f"imperfections that can be switched off: --without {' | '.join(faults)}")
     if mismatch:
         click.echo(describe_mismatches(mismatch))
 

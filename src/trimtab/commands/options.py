@@ -245,7 +245,10 @@ def FLIGHT(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 WITHOUT = click.option(
-    "--without", multiple=True, metavar="FAULT", help="Switch one imperfection off. May be repeated."
+    "--without",
+    multiple=True,
+    metavar="IMPERFECTION",
+    help="Switch one imperfection off. `trimtab list SCENARIO` names the imperfections. May be repeated.",
 )
 FAULT = click.option(
     "--fault",

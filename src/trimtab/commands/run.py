@@ -65,7 +65,7 @@ class RunReport(NamedTuple):
     "--ideal/--no-ideal",
     default=True,
     show_default=True,
-    help="Also simulate the ideal case: true state known, no delay, no limits.",
+    help="Also simulate the ideal twin: true state known, no delay, no limits.",
 )
 @BACKEND
 @PLOT("Draw all signals to this picture file.")
