@@ -1,4 +1,4 @@
-"""All pages build with their cells; the shown cells of the tutorial run without the hidden ones."""
+"""Pages build with their cells, shown cells run without hidden ones, and safety promises name their tests."""
 
 import ast
 import os
@@ -12,6 +12,41 @@ import pytest
 DOCS = Path(__file__).parents[2] / "docs"
 CELL = re.compile(r"^```\{code-cell\}[^\n]*\n(?::[^\n]*\n)*(.*?)^```$", re.MULTILINE | re.DOTALL)
 TAGGED_CELL = re.compile(r"^```\{code-cell\}[^\n]*\n((?::[^\n]*\n)*)\s*(.*?)^```$", re.MULTILINE | re.DOTALL)
+TESTS_SECTION = re.compile(r"^## Tests\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
+NAMED_TEST = re.compile(r"\btests/[\w./-]+\.py(?:::(\w+))?")
+SAFETY_PAGES = [
+    "actuators/failsafe",
+    "actuators/servo-pulses",
+    "commands/grammar",
+    "console/console",
+    "console/protocol",
+    "export/boards",
+    "export/stm32f405",
+    "how-to/first-flight",
+    "how-to/fly-in-the-page",
+    "how-to/ground-station",
+    "laws/formation",
+    "laws/ground-avoidance",
+    "links/transports",
+    "live/ardupilot",
+    "live/arming",
+    "live/fly",
+    "live/ground-stations",
+    "live/link-test",
+    "live/px4",
+    "live/real-time",
+    "live/trust",
+    "live/vehicle",
+    "logs/log",
+    "logs/stream",
+    "loop/faults",
+    "loop/monitor",
+    "loop/supervisor",
+    "wire/keys",
+    "wire/mavlink",
+    "wire/station",
+]
+"""Pages that state a safety promise, and therefore state what the promise was tested against."""
 
 
 @pytest.mark.thorough
@@ -40,6 +75,44 @@ def test_every_table_begins_with_a_header():
         first = [k for k, line in enumerate(lines) if line.startswith("| ") and not lines[k - 1].startswith("|")]
         cut += [f"{page.name}:{k}" for k in first if not re.fullmatch(r"\|[-| :]+\|", lines[k + 1])]
     assert cut == []
+
+
+@pytest.mark.parametrize("page", SAFETY_PAGES)
+def test_safety_pages_state_what_was_tested(page):
+    """The section Tests says what was tested and what was not. Each test that the section names exists."""
+    text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+    (section,) = TESTS_SECTION.findall(text)
+    bullets = [line for line in section.splitlines() if line.startswith("- ")]
+    assert any(bullet.startswith("- Tested:") for bullet in bullets)
+    assert any(bullet.startswith("- Not tested:") for bullet in bullets)
+    assert _missing_tests(section) == []
+
+
+def test_safety_pages_are_those_with_a_list_of_tests():
+    pages = [page.relative_to(DOCS).with_suffix("").as_posix() for page in DOCS.rglob("*.md")]
+    stated = [p for p in pages if "\n- Not tested:" in (DOCS / f"{p}.md").read_text(encoding="utf-8")]
+    assert sorted(stated) == sorted(SAFETY_PAGES)
+
+
+def test_missing_tests_are_found():
+    here = "tests/docs/test_pages.py"
+    assert _missing_tests(f"`{here}`, `{here}::test_missing_tests_are_found`, `{here}::CELL`, `tests/none.py`") == [
+        f"{here}::CELL",
+        "tests/none.py",
+    ]
+
+
+def _missing_tests(text):
+    """Return the tests that a text names and that do not exist: files, or functions of a file after `::`."""
+    return [named[0] for named in NAMED_TEST.finditer(text) if not _exists(named[0].partition("::")[0], named[1])]
+
+
+def _exists(file, function):
+    path = DOCS.parent / file
+    if function is None or not path.is_file():
+        return path.is_file()
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return any(isinstance(node, ast.FunctionDef) and node.name == function for node in ast.walk(tree))
 
 
 def _loaded(cells):
