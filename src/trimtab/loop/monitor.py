@@ -65,8 +65,8 @@ class MonitorOutput:
 
     robustness: Scalar = quantity(
         "U",
-        "Robustness margin of the formula, in the unit of its comparison. Negative: violated. 0 while the verdict is "
-        "pending.",
+        "Robustness margin of the formula, in the unit of its comparison. Negative: violated. 0 as long as the value "
+        "is not known.",
     )
     verdict: Scalar = quantity("1", "Verdict on the formula: pending, holds or violated.", kind="mode", modes=VERDICTS)
 
