@@ -226,8 +226,8 @@ def test_vehicle_ends_within_100_ms_of_frozen_outputs(scenario):
     one = fly_pair(scenario, act=lambda pair: pair.time.freeze(pair.there.outputs[-1], 2.0), duration=seconds(3))
     assert "the outputs' process is frozen" in one.served.problems
     times = {event["text"]: event["t"] for event in one.truth.metadata["events"]}
-    frozen_at = times["computer: arm request"] + 0.5
-    assert 0.08 < times["ended: the outputs' process is frozen"] - frozen_at < 0.13
+    frozen_at = times["computer: arm request"] + 0.5  # or up to 10 ms later, see VirtualPair.when_armed
+    assert 0.09 < times["ended: the outputs' process is frozen"] - frozen_at < 0.11
     assert "at rest; the vehicle has ended" in one.pair.outputs_said[-1]
 
 
