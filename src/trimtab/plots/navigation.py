@@ -86,7 +86,7 @@ def _draw_state(axes: Any, name: str, s: Series, unit: str) -> None:
     if np.isfinite(reach) and reach > 0:
         axes.set_ylim(centre - ROOM * reach, centre + ROOM * reach)
     words = name.replace("_", " ")
-    inside = "" if s.error is None else f"{100 * np.mean(np.abs(s.error) <= 2 * s.sigma):.0f} % within"
+    inside = "" if s.error is None else f"{100 * np.mean(np.abs(s.error) <= 2 * s.sigma):.0f} % within two sigmas"
     style_axes(axes, f"{words[0].upper()}{words[1:]}{'' if s.error is None else ' error'}", inside, unit)
 
 

@@ -30,6 +30,7 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.structure import cast_like, step_if
 from trimtab.loop.walk import start
 from trimtab.run.loop_coordinates import LoopCoordinates, is_real
+from trimtab.run.loop_corners import find_loop_corner
 
 MOST_INSTANTS = 4000
 """Maximum number of instants in the common multiple of the periods of all parts of the loop."""
@@ -63,7 +64,8 @@ def linearise_loop(
         settle: flight time before the linearisation (s), in which the loop comes to rest.
         round_time: time of one lap of the closed path that the law follows (s). If given, the map covers one lap.
 
-    Raises: InputError if the common multiple of the periods is too long, or if the loop does not come to rest.
+    Raises: InputError if the common multiple of the periods is too long, if the loop does not come to rest, or if its
+    slopes at rest differ on both sides.
     """
     loop = _prepare_loop(scenario, direct, tuple(off))
     tick, count, slowest = _find_period(loop)
@@ -260,6 +262,7 @@ def _find_rest(run: _Tick, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any
         off, worst = float(relative.max(initial=0.0)), worst or names[int(relative.argmax())]
         first = off if math.isinf(first) else first
         if off <= REST:
+            _refuse_corner(run, own, s, a, t, count, whole, keep)
             return s, a, t, idle, (A, B, C)
         M = whole[np.ix_(keep, keep)]
         new = np.zeros(len(keep))
@@ -271,6 +274,22 @@ def _find_rest(run: _Tick, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any
     fix = f"set a constant reference (trimtab list {name}), or set the time of one lap of a closed path: "
     fix += argument("round", 5)
     raise InputError("linearise", problem, fix=fix)
+
+
+def _refuse_corner(run: _Tick, own: LoopCoordinates, s: Any, a: Any, t: int, count: int, whole: Any, keep: Any) -> None:
+    """Raise InputError if the loop has different slopes on both sides of rest."""
+
+    def end(z: Any) -> Any:
+        s1, a1, _ = run.fly(*own.displace((s, a), jnp.asarray(z)), t, count)
+        return np.asarray(own.deviation((s, a), run.align(s1, a1, count * run.tick)))
+
+    rest = end(np.zeros(len(keep)))
+    names = [_side_name(name) for name in own.names((s, a))]
+    size = np.maximum(1.0, np.asarray(own.sizes((s, a))))
+    corner = find_loop_corner(lambda z: end(z) - rest, whole, size, keep, names)
+    if corner is not None:
+        fix = f"leave out actuators with {argument('direct', True)}, or e.g. {argument('off', ['dead zone'])}"
+        raise InputError("linearise", f"the loop has no slope at rest: {corner}", fix=fix)
 
 
 def _clocks(A: Any, B: Any, change: Any) -> Any:
