@@ -187,16 +187,16 @@ def check_output(part: str, step: Callable[..., Any], output: Any, kind: type) -
         name = kind.__name__
         problem = f"{place_of(step)}step() must return (state, {name}), but its output is {describe_tree(output)}"
         raise InputError(part, problem, fix=f"return state, {MESSAGES[name]}")
-    check_numbers(part, step, output, except_below=("value", "state"))
+    check_numbers(part, step, output)
 
 
-def check_numbers(part: str, function: Callable[..., Any], value: Any, except_below: tuple[str, ...] = ()) -> None:
-    """Raise InputError if a number in the structure of a message has not the declared shape and type.
+def check_numbers(part: str, function: Callable[..., Any], value: Any) -> None:
+    """Raise InputError if a number of a message has not the declared shape and type.
 
-    except_below: fields of the message that contain records of the user. These may have any shape.
+    Numbers of the records in the message, e.g. of the bending modes in a Motion, may have any shape.
     """
     for path, own, declared in leaves(value):
-        if not isinstance(declared, Quantity) or path.partition(".")[0] in except_below:
+        if not isinstance(declared, Quantity) or "." in path:
             continue
         what = f"{place_of(function)}{path} of the {type(value).__name__}"
         if np.shape(own) != declared.shape:
