@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from trimtab.core.errors import InputError
 from trimtab.core.quantity import (
     DTYPES,
     KINDS,
@@ -87,6 +88,23 @@ def test_children_lists_one_level_only():
 def test_leaves_are_listed_below_a_path():
     assert [p for p, _, _ in leaves(Gains(), "law")] == ["law.k1", "law.k2"]
     assert list(leaves(3.0)) == []
+
+
+@pytest.mark.parametrize(
+    ("unit", "wrong", "problem"),
+    [
+        (1, {}, "the unit must be a text, got 1"),
+        ("", {}, "the unit must be a text, got ''"),
+        ("kg", {"above": "0"}, "above must be a number in kg, got '0'"),
+        ("kg", {"low": 1, "high": 0}, "low must not be above high, got low=1 and high=0"),
+        ("kg", {"shape": 3}, "shape must be a tuple, got 3"),
+    ],
+)
+def test_rejects_invalid_declarations(unit, wrong, problem):
+    with pytest.raises(InputError) as refused:
+        quantity(unit, "Mass.", **wrong)
+    assert refused.value.problem == problem
+    assert refused.value.fix
 
 
 def test_importing_declarations_does_not_import_jax():

@@ -195,3 +195,9 @@ def test_rejects_vectors_unknown_signals_and_duplicate_targets():
         metrics(log, [Target("heading", 1.0, 0.1)], [])
     with pytest.raises(InputError, match="two targets"):
         metrics(log, [Target("truth.x", 1.0, 0.1), Target("truth.x", 2.0, 0.1)], [])
+
+
+@pytest.mark.parametrize(("value", "band"), [("20 kg", 0.1), (1.0, "3 cm"), (None, 0.1)])
+def test_target_must_consist_of_numbers(value, band):
+    with pytest.raises(InputError, match="must be a number in the signal's unit, got "):
+        Target("truth.x", value, band)

@@ -1,6 +1,8 @@
 """Mistakes in a user's own law or vehicle are reported with file, line and a fix."""
 
 import math
+import re
+import sys
 from math import sin
 
 import jax
@@ -10,9 +12,21 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import part, quantity, record
+from trimtab.core.interfaces import Estimator
+from trimtab.core.record import part, quantity, record, replace
+from trimtab.core.signals import Estimate, Sample, new_sample, no_motion
 from trimtab.loop.own_code import describe_fault
-from trimtab.loop.structure import check_members, check_record, check_state, first_state, zeros_of, zeros_of_step
+from trimtab.loop.structure import (
+    check_members,
+    check_numbers,
+    check_output,
+    check_record,
+    check_state,
+    first_state,
+    refuse_missing_numbers,
+    zeros_of,
+    zeros_of_step,
+)
 
 
 @record
@@ -20,6 +34,11 @@ class Point:
     """A point. Source: none."""
 
     north: float = quantity("m", "North.", default=0.0)
+
+
+def estimate(**changes):
+    plain = {"t": np.int64(0), "age": 0.0, "fresh": True, "valid": True, "state": Point(1.0)}
+    return Estimate(**plain | changes)
 
 
 def branch(x):
@@ -86,6 +105,13 @@ def test_missing_member_error_says_what_to_write():
         ("\nimport nothing_of_that_name\n", "own.py:2: No module named 'nothing_of_that_name'"),
         ("def scenario():\n    return nothing\n", "own.py:2: NameError: name 'nothing' is not defined"),
         ("def scenario():\n    return 1 / 0\n", "own.py:2: ZeroDivisionError"),
+        ("def scenario():\n    raise NotImplementedError\n", "own.py:2: NotImplementedError"),
+        ("def scenario():\n    exit()\n", "own.py:2: the file ends the program"),
+        ("import sys\nsys.exit(3)\n", "own.py:2: the file ends the program"),
+        ("from .other import x\n", "own.py:1: attempted relative import"),
+        ("from trimtab import Autopilt\n", "own.py:1: cannot import name 'Autopilt'"),
+        ("a = 1\n\0", "source code string cannot contain null bytes"),
+        ("def scenario(mass: 'Nothing'): ...\n", "own.py:1: an annotation of the function is invalid"),
     ],
 )
 def test_broken_scenario_file_is_rejected_with_its_line(tmp_path, text, said):
@@ -105,7 +131,7 @@ OTHERS = {
     "unknown argument": (lambda x: Point(nort=x.north), "unexpected keyword argument", "write north=… instead"),
     "change": (lambda x: setattr(x, "north", 1.0), "records are immutable", "return changing values as the state"),
     "format": (lambda x: f"{x.north:.2f}", "unsupported format string", "jax.debug.print"),
-    "import": (lambda x: replace(x, north=1.0), "name 'replace' is not defined", "from trimtab import replace"),  # noqa: F821
+    "import": (lambda x: seconds(x.north), "name 'seconds' is not defined", "from trimtab import seconds"),  # noqa: F821
     "below": (lambda x: x.north, "'Pair' object has no attribute 'north'", "write 'first.north' instead"),
 }
 
@@ -169,6 +195,62 @@ def test_rejects_a_class_and_a_non_record():
         check_record("law", Point)
     with pytest.raises(InputError, match=r"test_own_code.py:\d+: Rounded is not a record"):
         check_record("law", Rounded())
+    for value in (None, 0.01, np.zeros(2)):
+        with pytest.raises(InputError, match="law: must be a record, got "):
+            check_record("law", value)
+
+
+MESSAGES = {
+    "no sample": (Sample, Point(1.0), "its output is a Point as declared", "new_sample(t, VALUE)"),
+    "flag": (Estimate, estimate(valid=1.0), "valid of the Estimate must be True or False", "valid=True"),
+    "age": (Estimate, estimate(age=3), "age of the Estimate must be a float in seconds", "to_seconds"),
+    "shape": (Estimate, estimate(age=np.zeros(2)), "age of the Estimate has shape (2,)", "shape ()"),
+}
+
+
+@pytest.mark.parametrize("slip", MESSAGES)
+def test_rejects_an_output_that_is_not_a_valid_message(slip):
+    kind, output, problem, fix = MESSAGES[slip]
+    with pytest.raises(InputError) as refused:
+        check_output("part", Rounded.step, output, kind)
+    assert re.match(r"test_own_code.py:\d+: ", refused.value.problem)
+    assert problem in refused.value.problem
+    assert fix in refused.value.fix
+
+
+def test_accepts_a_valid_message():
+    check_output("part", Rounded.step, estimate(), Estimate)
+    check_output("part", Rounded.step, new_sample(np.int64(0), Point(1.0)), Sample)
+
+
+def test_rejects_motion_of_wrong_shape():
+    check_numbers("motion", Rounded.step, no_motion())
+    with pytest.raises(InputError, match=r"p_WB of the Motion has shape \(2,\), but the shape must be \(3,\)"):
+        check_numbers("motion", Rounded.step, replace(no_motion(), p_WB=np.zeros(2)))
+
+
+def test_rejects_a_law_output_with_none():
+    refuse_missing_numbers("law", Rounded.step, Point(1.0))
+    with pytest.raises(InputError, match="north of the Point is None, but must be a number"):
+        refuse_missing_numbers("law", Rounded.step, Point(None))
+
+
+def test_error_of_a_record_names_the_faulty_line():
+    def step(x):
+        return replace(x, nort=1.0)
+
+    with pytest.raises(InputError, match=r"test_own_code.py:\d+: Point.nort: the record has no such field"):
+        zeros_of("law", "the state", step, Point(1.0))
+
+
+def test_field_of_a_number_is_reported_in_words():
+    with pytest.raises(InputError, match=r"provides Point: test_own_code.py:\d+: a number has no field 'east'"):
+        zeros_of("law", "the state", lambda x: x.north.east, Point(1.0))
+
+
+def test_missing_tuple_of_names_is_shown_as_a_tuple():
+    with pytest.raises(InputError, match=r'listens = \("NAME", …\)  in Point'):
+        check_members("estimator", Point(1.0), Estimator, ("init", "step"))
 
 
 def test_error_names_the_line_in_the_scenario_file(tmp_path):
@@ -185,3 +267,36 @@ def test_error_names_the_line_in_the_scenario_file(tmp_path):
 def test_error_without_user_code_has_no_line():
     assert describe_fault(ValueError("odd")).place == ""
     assert jax.errors.ConcretizationTypeError in describe_fault.__globals__["CONVERSIONS"]
+
+
+def test_module_form_reports_the_faulty_line(tmp_path, monkeypatch):
+    from trimtab.scenarios.build import build
+
+    (tmp_path / "own_module_with_fault.py").write_text("x = 1 / 0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(InputError, match=r"own_module_with_fault.py:1: ZeroDivisionError"):
+        build("own_module_with_fault:scenario")
+
+
+def test_own_file_imports_a_file_in_its_folder(tmp_path, monkeypatch):
+    from trimtab.scenarios.catalogue import load_function
+
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "own_numbers_beside.py").write_text("MASS = 3\n")
+    (tmp_path / "own.py").write_text("from own_numbers_beside import MASS\n\ndef scenario():\n    return MASS\n")
+    assert load_function(f"{tmp_path / 'own.py'}:scenario")() == 3
+
+
+def test_argument_of_a_scenario_function_is_a_number(tmp_path):
+    from trimtab.scenarios.catalogue import load_scenario
+
+    (tmp_path / "own.py").write_text(
+        "def scenario(mass: float = 1.0, count=2, fast=False, name='a') -> 'Nothing':\n"
+        "    return 2 * mass, 2 * count, fast, name\n"
+    )
+    name = f"{tmp_path / 'own.py'}:scenario"
+    given = {"mass": "0.3", "count": "4", "fast": "true", "name": "b"}
+    assert load_scenario(name, given)[0] == (0.6, 8, True, "b")
+    for wrong, wanted in (("mass", "a number without unit"), ("count", "an integer"), ("fast", "true or false")):
+        with pytest.raises(InputError, match=f"must be {wanted}, got 'heavy'"):
+            load_scenario(name, {wrong: "heavy"})

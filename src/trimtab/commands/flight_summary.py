@@ -14,7 +14,7 @@ from trimtab.core.quantity import component_paths
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.log_limit import list_files
-from trimtab.logs.metrics import Target, full_path, metrics, mode_switches, nearest_target_value
+from trimtab.logs.metrics import Target, full_path, metrics, mode_switches, nearest_target_value, target_path
 from trimtab.logs.robustness import PENDING, VERDICTS, VIOLATED
 from trimtab.logs.spatial import FLIGHT, display_unit, flight_sources, with_flight
 from trimtab.loop.model_mismatch import describe_mismatches
@@ -124,7 +124,7 @@ def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
         if path.startswith(("truth.", FLIGHT)) and np.size(value) <= FEW
         for one, number in zip(component_paths(path, np.shape(value)), np.ravel(value), strict=True)
     }
-    aimed = [path for t in targets if (path := full_path(t.path)) not in shown]
+    aimed = [path for t in targets if (path := target_path(log, t)) not in shown]
     final |= {path: float(log[path][-1]) for path in aimed if len(log) and path.removeprefix("truth.") not in final}
     numbers = metrics(log, targets, [*aimed, *shown])
     closest = closest_approach(log)

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from trimtab.core.errors import InputError
 from trimtab.core.units import check_kept, check_symbols
 
 Scalar = Any
@@ -109,10 +110,31 @@ def quantity(
     """
     if kind not in KINDS:
         raise TypeError(f"quantity kind {kind!r} is not one of {KINDS}")
+    _check_declaration(unit, {"above": above, "low": low, "high": high}, shape)
     check_symbols(unit)
     check_kept(unit)
     declared = Quantity(unit, doc, frame, kind, source, above, low, high, modes, shape)
     return _field(declared, default, off)
+
+
+def _check_declaration(unit: Any, bounds: Mapping[str, Any], shape: Any) -> None:
+    """Raise InputError for a unit that is not a text, a bound that is not a number, or a shape that is not a tuple."""
+    if not isinstance(unit, str) or not unit:
+        problem = f"the unit must be a text, got {unit!r}"
+        raise InputError("quantity", problem, fix='quantity("m", "Meaning.", …); the unit of a pure number is "1"')
+    for name, bound in bounds.items():
+        if bound is not None and (isinstance(bound, str) or not isinstance(bound, int | float | np.number)):
+            fix = f"write {name}=0.0, without quotes and without a unit"
+            raise InputError("quantity", f"{name} must be a number in {unit}, got {bound!r}", fix=fix)
+    low, high = bounds["low"], bounds["high"]
+    if low is not None and high is not None and low > high:
+        raise InputError(
+            "quantity",
+            f"low must not be above high, got low={low:g} and high={high:g}",
+            fix=f"write low={high:g}, high={low:g}",
+        )
+    if not isinstance(shape, tuple):
+        raise InputError("quantity", f"shape must be a tuple, got {shape!r}", fix=f"write shape=({shape},)")
 
 
 def part(doc: str, *, default: Any = MISSING, off: Off = NOTHING_OFF, optional: Any = None) -> Any:

@@ -28,6 +28,12 @@ class Target:
     band: float
 
     def __post_init__(self) -> None:
+        for name in ("value", "band"):
+            if not isinstance(getattr(self, name), int | float | np.number | np.ndarray):
+                problem = f"{name} must be a number in the signal's unit, got {getattr(self, name)!r}"
+                raise InputError(
+                    f"target of {self.path!r}", problem, fix="write e.g. Target('yaw_rate', 3.0, band=0.15)"
+                )
         if not (np.isfinite(self.value) and np.isfinite(self.band) and self.band > 0):
             problem = f"value {self.value!r} must be finite, and band {self.band!r} must be above 0"
             raise InputError(f"target of {self.path!r}", problem, fix="write e.g. Target('yaw_rate', 3.0, band=0.15)")

@@ -21,7 +21,15 @@ from trimtab.loop.monitor import Monitor, MonitorInput
 from trimtab.loop.own_code import place_of
 from trimtab.loop.predictor import Predictor
 from trimtab.loop.setpoint_schedule import schedule_law
-from trimtab.loop.structure import check_state, first_state, is_finite, step_part, zeros_of_step
+from trimtab.loop.structure import (
+    check_output,
+    check_state,
+    first_state,
+    is_finite,
+    refuse_missing_numbers,
+    step_part,
+    zeros_of_step,
+)
 from trimtab.loop.supervisor import Supervisor, SupervisorInput
 
 
@@ -101,6 +109,7 @@ class Autopilot:
             "autopilot.estimator", "world.sensors", self.estimator.step, 0, states[0], frame
         )
         check_state("autopilot.estimator", self.estimator.step, after, states[0])
+        check_output("autopilot.estimator", self.estimator.step, estimate, Estimate)
         self._check_reads(estimate)
         read = self._complete(estimate, frame)
         after, output = zeros_of_step("autopilot.law", "autopilot.estimator", self.law.step, 0, states[1], read)
@@ -108,6 +117,7 @@ class Autopilot:
         if not hasattr(output, "demand"):
             problem = f"{place_of(self.law.step)}the output of {type(self.law).__name__} has no field 'demand'"
             raise InputError("autopilot.law", problem, fix="return a record with demand=… from step()")
+        refuse_missing_numbers("autopilot.law", self.law.step, output)
         allocate = self.allocation.step
         _, value = zeros_of_step("autopilot.allocation", "autopilot.law", allocate, 0, states[2], output.demand)
         command = Command(t=frame.t, valid=estimate.valid, value=value)

@@ -49,6 +49,10 @@ def _check_quantity(where: str, value: Any, declared: Quantity) -> None:
     if declared.shape and array.shape != declared.shape:
         problem = f"must have shape {declared.shape}, but has shape {array.shape}"
         raise InputError(where, problem, fix=f"give an array of shape {declared.shape}{in_unit}")
+    if value is None or callable(value):
+        raise InputError(
+            where, f"must be a number, got {value!r:.60}", fix=argument("settings", "NUMBER", where) + in_unit
+        )
     if not np.isfinite(array).all():
         raise InputError(where, f"{value} is not finite", fix=argument("settings", "NUMBER", where) + in_unit)
     for bound, wrong, text in (

@@ -5,6 +5,7 @@ import difflib
 import inspect
 import linecache
 import re
+import sys
 import sysconfig
 import traceback
 from collections.abc import Callable
@@ -72,8 +73,9 @@ class CodeFault(NamedTuple):
 def describe_fault(error: BaseException) -> CodeFault:
     """Return the description of an exception for the author of the source line that raised it."""
     if isinstance(error, SyntaxError):
-        line = f"{Path(error.filename or '').name}:{error.lineno}:{error.offset}: "
-        return CodeFault(line, f"{error.msg}: {(error.text or '').strip()!r}", "correct that line")
+        line = f"{Path(error.filename).name}:{error.lineno}:{error.offset}: " if error.filename and error.lineno else ""
+        faulty = f": {error.text.strip()!r}" if error.text else ""
+        return CodeFault(line, f"{error.msg}{faulty}", "correct that line" if line else "save the file as UTF-8 text")
     frame, number = _frame_at_fault(error)
     place = f"{Path(frame.f_code.co_filename).name}:{number}: " if frame else ""
     if isinstance(error, CONVERSIONS):
@@ -84,13 +86,23 @@ def describe_fault(error: BaseException) -> CodeFault:
     if isinstance(error, AttributeError) and error.name and is_record(error.obj):
         return _describe_attribute(place, error)
     if isinstance(error, ImportError):
+        if "relative import" in text:
+            return CodeFault(place, text, "write  import NAME  or  from NAME import …  for a file in the same folder")
+        if error.name and f"from {error.name!r}" in text:
+            return CodeFault(place, text, "correct the imported name" + _similar_name(error))
         return CodeFault(place, text, "correct the name of the module, or install its package")
+    if isinstance(error, SystemExit):
+        problem = "the file ends the program while trimtab reads it"
+        return CodeFault(place, problem, 'move this call below  if __name__ == "__main__":')
     if isinstance(error, NameError) and error.name:
         return CodeFault(place, f"NameError: {text}", _find_name(error.name, frame))
     if isinstance(error, TypeError):
         return CodeFault(place, text, _describe_arguments(text, frame))
-    is_plain = isinstance(error, AttributeError | ValueError | IndexError)
-    return CodeFault(place, text if is_plain else f"{type(error).__name__}: {text}")
+    if isinstance(error, AttributeError) and isinstance(error.obj, jax.core.Tracer):
+        problem = f"a number has no field {error.name!r}"
+        return CodeFault(place, problem, "check which argument is a number, and which a record")
+    is_plain = isinstance(error, AttributeError | ValueError | IndexError) and text
+    return CodeFault(place, text if is_plain else f"{type(error).__name__}: {text}".removesuffix(": "))
 
 
 def place_of(code: Any) -> str:
@@ -132,7 +144,7 @@ def refuse_within(error: InputError) -> InputError:
     return InputError(part, error.problem, choices=error.choices, fix=error.fix)
 
 
-def refuse_own_code(part: str, error: Exception) -> InputError:
+def refuse_own_code(part: str, error: BaseException) -> InputError:
     """Return an InputError that describes an exception raised by a user's code. part: part that contains the code."""
     fault = describe_fault(error)
     fix = fault.fix or "correct that line"
@@ -149,6 +161,14 @@ def _describe_attribute(place: str, error: AttributeError) -> CodeFault:
     near = closest(error.name or "", fields, 1)
     fix = f"write {(below or near)[0]!r} instead" if below or near else ""
     return CodeFault(place, f"{type(error.obj).__name__!r} object has no attribute {error.name!r}", fix, fields)
+
+
+def _similar_name(error: ImportError) -> str:
+    """Return the end of the fix for a name that a module does not have: the most similar name in the module."""
+    wanted = re.search(r"cannot import name '(\w+)'", str(error))
+    module = sys.modules.get(error.name or "")
+    near = closest(wanted[1], dir(module), 1) if wanted and module else []
+    return f": write {near[0]!r}" if near else ""
 
 
 def _find_name(name: str, frame: FrameType | None) -> str:

@@ -81,6 +81,12 @@ class Scenario(Generic[V]):
         "Arguments of `scenarios.build` from which the scenario was built. They are recorded in logs.", default=()
     )
 
+    def __post_init__(self) -> None:
+        several: Any = self.targets if isinstance(self.targets, tuple | list) else (self.targets,)
+        if several is not self.targets or any(not hasattr(target, "band") for target in several):
+            fix = 'write targets=(Target("truth.NAME", 1.0, band=0.1),), with a comma before the last bracket'
+            raise InputError("Scenario.targets", f"must be a tuple of Target, got {self.targets!r:.80}", fix=fix)
+
     def __repr__(self) -> str:
         rows = summarise_scenario(self)
         wide = max(len(what) for what, _ in rows)
@@ -202,6 +208,8 @@ class Scenario(Generic[V]):
         """Raise InputError for a part that lacks a method or field that the loop needs."""
         world, autopilot = self.world, self.autopilot
         check_record("world.vehicle", world.vehicle)
+        if self.initial is not None:
+            check_record("initial", self.initial)
         for name, sensor in world.sensors.items():
             check_members(f"world.sensors.{name}", sensor, Sensor, ("measure",))
         for name in LINKS:

@@ -15,11 +15,14 @@ import numpy as np
 from jax.core import Tracer
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, is_record
-from trimtab.loop.own_code import check_arguments, describe_fault, place_of, refuse_own_code
+from trimtab.core.record import Quantity, Scalar, is_record, leaves
+from trimtab.core.signals import Motion
+from trimtab.loop.own_code import check_arguments, describe_fault, place_of, refuse_own_code, refuse_within
 
 ARGUMENTS = {"step": "t, state, input", "dynamics": "t, x, u", "motion": "t, x, u"}
 """Arguments that the methods of a user's part must have, by the method's name."""
+MESSAGES = {"Sample": "new_sample(t, VALUE)", "Estimate": "Estimate(t=t, age=…, fresh=…, valid=…, state=…)"}
+"""Class of a message -> code that makes a message."""
 
 
 def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) -> Any:
@@ -34,14 +37,15 @@ def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) 
         check_arguments(part, function, ARGUMENTS[own], *inputs)
     try:
         shape = jax.eval_shape(_share_trace(function), *inputs)
-    except InputError:
-        raise
+    except InputError as error:
+        raise refuse_within(error) from error
     except Exception as error:
         is_of_input = isinstance(error, AttributeError) and not isinstance(error, FrozenInstanceError)
         if place_of(function) and not is_of_input:
             raise refuse_own_code(part, error) from error
         fault = describe_fault(error)
-        name = type(inputs[-1]).__name__ if inputs else "nothing"
+        lacking = getattr(error, "obj", None)
+        name = type(lacking if is_record(lacking) else inputs[-1]).__name__ if inputs else "nothing"
         problem = f"does not fit {reads}, which provides {name}: {fault.place}{fault.problem}"
         other = f"give {part} an input with the fields that it reads, or use another part that reads {name}"
         fix = fault.fix or (f"read one of these, or add the missing field to {name}" if place_of(function) else other)
@@ -91,8 +95,8 @@ def first_state(part: str, init: Callable[..., Any], key: Any) -> Any:
     check_arguments(part, init, "key", key)
     try:
         return init(key)
-    except InputError:
-        raise
+    except InputError as error:
+        raise refuse_within(error) from error
     except Exception as error:
         raise refuse_own_code(part, error) from error
 
@@ -131,7 +135,9 @@ def check_members(part: str, value: Any, interface: Any, optional: Iterable[str]
         if inspect.isfunction(member):
             arguments = ", ".join(inspect.signature(member).parameters)
             raise InputError(part, f"{place}{kind} has no {name}()", fix=f"def {name}({arguments}): …  in {kind}")
-        example = '("NAME", …)' if "tuple" in str(interface.__annotations__.get(name)) else "…"
+        returned = getattr(member, "fget", None) or interface
+        declared = returned.__annotations__.get("return" if returned is not interface else name)
+        example = '("NAME", …)' if "tuple" in str(declared) else "…"
         fix = f"{name} = {example}  in {kind}: {_first_line(member)}".strip(": ")
         raise InputError(part, f"{place}{kind} has no {name!r}", fix=fix)
 
@@ -141,6 +147,9 @@ def check_record(part: str, value: Any) -> None:
     kind = value if isinstance(value, type) else type(value)
     if isinstance(value, type):
         raise InputError(part, f"{kind.__name__} is a class, not a part", fix=f"{kind.__name__}(), with brackets")
+    if value is None or kind.__module__.partition(".")[0] in ("builtins", "numpy", "jax", "jaxlib"):
+        fix = "use a record of trimtab or of your own file, with brackets"
+        raise InputError(part, f"must be a record, got {value!r:.60}", fix=fix)
     if jax.tree_util.all_leaves([value]):
         problem = f"{place_of(kind)}{kind.__name__} is not a record"
         raise InputError(
@@ -163,11 +172,51 @@ def check_vehicle(vehicle: Any, x: Any, u: Any) -> Any:
     if motion is None:
         problem = f"{place_of(vehicle.motion)}motion() returns nothing"
         raise InputError("world.vehicle.motion", problem, fix="return replace(no_motion(), t=t, …)")
+    if isinstance(motion, Motion):
+        check_numbers("world.vehicle.motion", vehicle.motion, motion)
     part = "world.vehicle.dynamics"
     rate = zeros_of(part, "world.actuators", vehicle.dynamics, 0.0, x, u)
     fix = f"return {type(x).__name__}(…) with the derivative of each field"
     check_alike(part, f"{place_of(vehicle.dynamics)}its return value", rate, x, fix)
     return motion
+
+
+def check_output(part: str, step: Callable[..., Any], output: Any, kind: type) -> None:
+    """Raise InputError unless the output of a step() is a message of the class `kind` with valid numbers."""
+    if not isinstance(output, kind):
+        name = kind.__name__
+        problem = f"{place_of(step)}step() must return (state, {name}), but its output is {describe_tree(output)}"
+        raise InputError(part, problem, fix=f"return state, {MESSAGES[name]}")
+    check_numbers(part, step, output)
+
+
+def check_numbers(part: str, function: Callable[..., Any], value: Any) -> None:
+    """Raise InputError if a number of a message has not the declared shape and type.
+
+    Numbers of the records in the message, e.g. of the bending modes in a Motion, may have any shape.
+    """
+    for path, own, declared in leaves(value):
+        if not isinstance(declared, Quantity) or "." in path:
+            continue
+        what = f"{place_of(function)}{path} of the {type(value).__name__}"
+        if np.shape(own) != declared.shape:
+            problem = f"{what} has shape {np.shape(own)}, but the shape must be {declared.shape}"
+            raise InputError(part, problem, fix=f"write {path}=… with an array of shape {declared.shape}")
+        dtype = jnp.result_type(own)
+        if declared.kind == "flag" and dtype != np.bool_:
+            fix = f"write {path}=True, or a comparison such as x > 0"
+            raise InputError(part, f"{what} must be True or False, but is a number", fix=fix)
+        if declared.unit == "s" and not jnp.issubdtype(dtype, jnp.floating):
+            fix = f"write {path}=to_seconds(…), from trimtab.core.time, or {path}=0.0"
+            raise InputError(part, f"{what} must be a float in seconds, but is an integer", fix=fix)
+
+
+def refuse_missing_numbers(part: str, step: Callable[..., Any], output: Any) -> None:
+    """Raise InputError if a declared number of a law's output is None."""
+    for path, value, declared in leaves(output):
+        if isinstance(declared, Quantity) and value is None:
+            problem = f"{place_of(step)}{path} of the {type(output).__name__} is None, but must be a number"
+            raise InputError(part, problem, fix=f"return {path}=0.0, or remove the field")
 
 
 def _first_line(member: Any) -> str:
@@ -198,7 +247,8 @@ def describe_tree(tree: Any) -> str:
         names: Any = tree.keys()  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
         return f"a dictionary of {', '.join(map(str, names)) or 'nothing'}"
     count = len(jax.tree.leaves(tree))
-    return f"not a record, with {count} number{'s' * (count != 1)}" if count else "nothing"
+    kind = type(tree).__name__ if isinstance(tree, tuple | list) else "plain value"
+    return f"a {kind} with {count} number{'s' * (count != 1)}" if count else "nothing"
 
 
 def zeros_like(tree: Any) -> Any:

@@ -15,6 +15,7 @@ from trimtab.loop.integration import Integration, integrate_truth
 from trimtab.loop.structure import (
     cast_like,
     check_alike,
+    check_output,
     check_state,
     check_vehicle,
     describe_tree,
@@ -110,6 +111,7 @@ class World(Generic[V]):
             felt = _sensor_input(where, sensor, lambda: motion, x, neutral.u)
             after, samples[name] = zeros_of_step(where, "world.vehicle", sensor.step, 0, states[name], felt)
             check_state(where, sensor.step, after, states[name])
+            check_output(where, sensor.step, samples[name], Sample)
             links[name] = self.downlink.init(key.at(f"downlink.{name}"), samples[name])
             _, received[name] = zeros_of_step(
                 "world.downlink", where, self.downlink.step, 0, links[name], samples[name]
@@ -279,6 +281,9 @@ def as_sample(command: Command, fresh: Any) -> Sample:
 
 def _sensors_by_name(pairs: Any) -> dict[str, Any]:
     named: dict[str, Any] = {}
+    if not isinstance(pairs, tuple | list) or any(not isinstance(pair, tuple) or len(pair) != 2 for pair in pairs):
+        problem = f"must be a mapping of names to sensors, got {describe_tree(pairs)}"
+        raise InputError("world.sensors", problem, fix='write sensors={"NAME": SENSOR}')
     for name, sensor in pairs:
         if name in named:
             problem = f"two sensors are named {name!r}: {type(named[name]).__name__} and {type(sensor).__name__}"

@@ -13,6 +13,7 @@ import importlib.util
 import inspect
 import os
 import sys
+import types
 import typing
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -105,11 +106,34 @@ def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple
             raise InputError(f"scenario {name!r}", problem, fix=fix)
     if ":" not in name:
         return build(**arguments), rest
+    arguments = {n: _convert_argument(build, n, text) for n, text in arguments.items()}
     try:
         with spell_with(_spell_python):
             return build(**arguments), rest
-    except Exception as error:  # raised by the code in the named file
+    except (Exception, SystemExit) as error:  # raised by the code in the named file
         raise _own_code_error(name, error) from error
+
+
+def _convert_argument(build: Callable[..., Any], name: str, text: str) -> Any:
+    """Return the value of an argument of a user's function: a number or a flag if the function declares one.
+
+    The type is the annotation of the argument, or else the type of its default. Other arguments stay texts.
+    """
+    default = inspect.signature(build).parameters[name].default
+    kind = _plain_hint(_argument_hints(build).get(name, type(default)))
+    if kind is bool and text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    if kind not in (bool, int, float):
+        return text
+    try:
+        if kind is not bool:
+            return kind(text)
+    except ValueError:
+        pass
+    wanted = {bool: "true or false", int: "an integer", float: "a number without unit"}[kind]
+    example = {bool: "true", int: "2", float: "1.5"}[kind]
+    problem = f"must be {wanted}, got {text!r}"
+    raise InputError(argument_name("settings", name), problem, fix=argument("settings", example, name))
 
 
 def scenario_choices(name: str) -> dict[str, tuple[str, ...]]:
@@ -123,14 +147,35 @@ def choice_lines(name: str) -> dict[str, dict[str, str]]:
     The descriptions are taken from the annotations of the scenario's function:
     ``Annotated[Literal[…], {"choice": "line"}]``.
     """
-    hints = typing.get_type_hints(_find_function(name), include_extras=True)
+    hints = _argument_hints(_find_function(name))
     noted = {n: hint.__metadata__[0] for n, hint in hints.items() if typing.get_origin(hint) is typing.Annotated}
     return {argument: dict(lines) for argument, lines in noted.items() if isinstance(lines, Mapping)}
 
 
 def _argument_choices(build: Callable[..., Any]) -> dict[str, tuple[str, ...]]:
-    hints = typing.get_type_hints(build)
+    hints = {n: _plain_hint(hint) for n, hint in _argument_hints(build).items()}
     return {n: typing.get_args(hints.get(n)) for n in inspect.signature(build).parameters}
+
+
+def _argument_hints(build: Callable[..., Any]) -> dict[str, Any]:
+    """Return the annotations of a scenario's function, without the annotation of its return value.
+
+    Raise InputError if an annotation names something that does not exist.
+    """
+    function = inspect.unwrap(build)
+    own = {n: hint for n, hint in getattr(function, "__annotations__", {}).items() if n != "return"}
+    annotated = types.SimpleNamespace(__annotations__=own)
+    try:
+        return typing.get_type_hints(annotated, getattr(function, "__globals__", {}), include_extras=True)
+    except Exception as error:
+        from trimtab.loop.own_code import place_of  # here because looking up a name needs no JAX
+
+        problem = f"{place_of(function)}an annotation of the function is invalid: {error}"
+        raise InputError(f"{function.__name__}()", problem, fix="correct the annotation, or import the name") from None
+
+
+def _plain_hint(hint: Any) -> Any:
+    return hint.__origin__ if typing.get_origin(hint) is typing.Annotated else hint
 
 
 def _find_function(name: str) -> Callable[..., Any]:
@@ -180,12 +225,15 @@ def _load_file(name: str, path: Path) -> Any:
         problem = f"there is no file {str(path)!r}{'' if path.is_absolute() else f' in {Path.cwd()}'}"
         fix = f"use a path that exists; to create a vehicle: trimtab new vehicle {path.stem}"
         raise InputError(f"scenario {name!r}", problem, fix=fix)
+    folder = str(path.resolve().parent)
+    if folder not in sys.path:  # for files that the named file imports; last, so that no package is shadowed
+        sys.path.append(folder)
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
     try:
         with spell_with(_spell_python):
             spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         sys.modules.pop(module_name, None)
         raise _own_code_error(name, error) from error
     return module
@@ -206,7 +254,7 @@ def _choose_module_name(path: Path) -> str:
     return f"{stem}_{hashlib.sha256(os.fsencode(file)).hexdigest()[:8]}" if is_other else stem
 
 
-def _own_code_error(name: str, error: Exception) -> InputError:
+def _own_code_error(name: str, error: BaseException) -> InputError:
     """Return an InputError with the line number at which a user's own file failed."""
     from trimtab.loop.own_code import refuse_own_code, refuse_within  # here because looking up a name needs no JAX
 
@@ -222,8 +270,8 @@ def _load_module(name: str, where: str) -> Any:
         sys.path.insert(0, "")
     try:
         return importlib.import_module(where)
-    except ModuleNotFoundError as error:
-        if error.name != where.split(".")[0]:
-            raise
+    except (Exception, SystemExit) as error:
+        if not isinstance(error, ModuleNotFoundError) or error.name != where.split(".")[0]:
+            raise _own_code_error(f"{where}:scenario", error) from error
         fix = f"run trimtab in the folder that contains {where}.py, or name the file: {where}.py:scenario"
         raise InputError(f"scenario {name!r}", f"module {where!r} not found", fix=fix) from None
