@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jax.core import Tracer
 
 import trimtab
 from trimtab.core.errors import InputError
@@ -98,7 +99,7 @@ def describe_fault(error: BaseException) -> CodeFault:
         return CodeFault(place, f"NameError: {text}", _find_name(error.name, frame))
     if isinstance(error, TypeError):
         return CodeFault(place, text, _describe_arguments(text, frame))
-    if isinstance(error, AttributeError) and isinstance(error.obj, jax.core.Tracer):
+    if isinstance(error, AttributeError) and isinstance(error.obj, Tracer):
         problem = f"a number has no field {error.name!r}"
         return CodeFault(place, problem, "check which argument is a number, and which a record")
     is_plain = isinstance(error, AttributeError | ValueError | IndexError) and text
