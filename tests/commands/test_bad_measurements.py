@@ -242,6 +242,13 @@ def test_edited_result_of_an_earlier_procedure_is_rejected(entry, said, bench, t
     assert said in done.output
 
 
+def test_edited_inertia_below_zero_is_rejected(bench, tmp_path):
+    (tmp_path / "boat.toml").write_text('version = 1\n["Hovercraft.inertia"]\nvalue = -0.1\nunit = "kg m^2"\n')
+    done = calibrate("friction", bench["friction"], tmp_path, "--out", str(tmp_path / "boat.toml"))
+    assert done.exit_code == 2, done.output
+    assert "Hovercraft.inertia: must be above 0 kg m^2, got -0.1" in done.output
+
+
 def test_calibration_file_in_another_encoding_is_rejected(bench, tmp_path):
     (tmp_path / "boat.toml").write_bytes(b"# \xf6\nversion = 1\n")
     done = calibrate("hull", bench["hull"], tmp_path, "--out", str(tmp_path / "boat.toml"))

@@ -1,7 +1,6 @@
 """Inputs of a bench calibration besides its data: numbers with units in options, and results of earlier procedures."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -70,8 +69,11 @@ def find_number(out: Path | None, name: str) -> float:
         problem = f"must be a number with the unit {declared.unit!r}, got {entry.value} with the unit {entry.unit!r}"
         fix = f'write the value in {declared.unit}, and  unit = "{declared.unit}"'
         raise InputError(f"calibration '{out}', {name}", problem, fix=fix)
-    replace(thesis, **{field: float(entry.value)})  # raises InputError for a value out of range
-    return float(entry.value)
+    value = float(entry.value)
+    if declared.above is not None and value <= declared.above:
+        problem = f"must be above {declared.above:g} {declared.unit}, got {value:.6g}"
+        raise InputError(f"calibration '{out}', {name}", problem, fix="correct the value, or calibrate again")
+    return value
 
 
 def describe_assumed(out: Path | None, *names: str) -> tuple[str, ...]:
