@@ -32,11 +32,11 @@ def bench(tmp_path_factory):
     return {name: (folder / file).read_text().splitlines() for name, file in FILES.items()}
 
 
-def calibrate(procedure, lines, folder):
+def calibrate(procedure, lines, folder, *options):
     file = folder / FILES[procedure]
     file.write_text("\n".join(lines) + "\n")
     verb = "inertia" if procedure == "spin-up" else procedure
-    return CliRunner().invoke(main, ["calibrate", verb, str(file), *OPTIONS.get(procedure, ())])
+    return CliRunner().invoke(main, ["calibrate", verb, str(file), *OPTIONS.get(procedure, ()), *options])
 
 
 def swap(lines, a, b):
@@ -128,6 +128,26 @@ OWN = {
         lambda x: alter(x, 2, lambda force: min(force, 0.4)),
         "column 'reverse' is 0.4 in each line",
     ),
+    "a force against the thrust": (
+        "thrust",
+        lambda x: alter(x, 2, lambda force: -force / 10),
+        "column 'force' is negative",
+    ),
+    "a gauge that sticks": (
+        "thrust",
+        lambda x: alter(x, 2, lambda force: 0.5),
+        "at equal rudder angles the force changes by 0|saturated",
+    ),
+    "a spin and a glide": (
+        "friction",
+        lambda x: put(x, 1, 2, "speed [m/s]"),
+        "both a column 'yaw_rate' and a column 'speed'",
+    ),
+    "milliseconds under seconds": (
+        "friction",
+        lambda x: alter(x, 0, lambda time: 1e3 * time),
+        "the readings are 50 s apart",
+    ),
     "milliseconds": (
         "link",
         lambda x: [x[0], *(f"{a},{1e3 * float(b) if b else ''}" for a, b in (line.split(",") for line in x[1:]))],
@@ -169,3 +189,68 @@ def test_valid_measurements_are_fitted_without_remarks(procedure, bench, tmp_pat
     done = calibrate(procedure, lines, tmp_path)
     assert done.exit_code == 0, done.output
     assert "left out" not in done.output
+
+
+OPTION = {
+    "no division": ("reverse", ("--division", "0 N"), "--division: must be above 0, got 0 N"),
+    "a mass below zero": ("friction", ("--mass", "-2 kg"), "--mass: must be above 0, got -2 kg"),
+    "a mass of a spin": ("friction", ("--mass", "2.6 kg"), "--mass: is only for a glide"),
+    "no arm": ("inertia", ("--arm", "0 m"), "--arm: must be above 0, got 0 m"),
+    "no force": ("spin-up", ("--force", "0 N"), "--force: must not be 0, got 0 N"),
+    "a rudder across": ("spin-up", ("--rudder", "-120 deg"), "--rudder: must be between -90 and 90 deg, got -120 deg"),
+}
+
+
+@pytest.mark.parametrize("what", OPTION)
+def test_procedure_rejects_implausible_options(what, bench, tmp_path):
+    procedure, options, said = OPTION[what]
+    done = calibrate(procedure, bench[procedure], tmp_path, *options)
+    assert done.exit_code == 2, done.output
+    assert said in done.output
+
+
+def test_friction_reads_headings_below_a_comment_and_in_capitals(tmp_path):
+    rows = [f"{0.1 * k},{3 - 0.1 * k}" for k in range(20)]
+    done = calibrate(
+        "friction", ["# a glide", "time [s],Speed [m/s],wheel speed [rpm]", *(f"{r},5" for r in rows)], tmp_path
+    )
+    assert done.exit_code == 0, done.output
+    assert "Friction.force_coulomb" in done.output
+    assert "Hovercraft.mass is not calibrated; the fit uses the value of the thesis, 2.6" in done.output
+
+
+@pytest.mark.parametrize("procedure", ["thrust", "friction"])
+def test_file_in_another_encoding_is_rejected(procedure, bench, tmp_path):
+    file = tmp_path / "data.csv"
+    file.write_bytes("\n".join(bench[procedure]).encode("utf-16"))
+    done = CliRunner().invoke(main, ["calibrate", procedure, str(file)])
+    assert done.exit_code == 2, done.output
+    assert "cannot be read as text" in done.output
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ('value = 0.57\nunit = "deg"', "must be a number with the unit 'rad', got 0.57 with the unit 'deg'"),
+        ('value = [1.0, 2.0]\nunit = "rad"', "must be a number with the unit 'rad', got [1.0, 2.0]"),
+    ],
+)
+def test_edited_result_of_an_earlier_procedure_is_rejected(entry, said, bench, tmp_path):
+    (tmp_path / "boat.toml").write_text(f'version = 1\n["Thruster.offset"]\n{entry}\n')
+    done = calibrate("thrust", bench["thrust"], tmp_path, "--out", str(tmp_path / "boat.toml"))
+    assert done.exit_code == 2, done.output
+    assert said in done.output
+
+
+def test_edited_inertia_below_zero_is_rejected(bench, tmp_path):
+    (tmp_path / "boat.toml").write_text('version = 1\n["Hovercraft.inertia"]\nvalue = -0.1\nunit = "kg m^2"\n')
+    done = calibrate("friction", bench["friction"], tmp_path, "--out", str(tmp_path / "boat.toml"))
+    assert done.exit_code == 2, done.output
+    assert "Hovercraft.inertia: must be above 0 kg m^2, got -0.1" in done.output
+
+
+def test_calibration_file_in_another_encoding_is_rejected(bench, tmp_path):
+    (tmp_path / "boat.toml").write_bytes(b"# \xf6\nversion = 1\n")
+    done = calibrate("hull", bench["hull"], tmp_path, "--out", str(tmp_path / "boat.toml"))
+    assert done.exit_code == 2, done.output
+    assert "cannot be read" in done.output

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
@@ -48,3 +49,26 @@ def test_file_of_another_format_is_not_overwritten(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["calibrate", "measure", "thrust", str(file)])
     assert result.exit_code == 2
     assert file.read_text() == "a,b\n1,2\n"
+
+
+HEADING = "speed [rpm],forward [N],reverse [N],trial"
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"\xf6\n", "cannot be read as text"),
+        (HEADING.encode("utf-16"), "cannot be read as text"),
+        (f"{HEADING}\n# windy\n6000,0.4,0.1,1\n".encode(), "the comment '# windy', which would be lost"),
+    ],
+)
+def test_refuses_to_continue_a_file_it_cannot_rewrite(content: bytes, said: str, tmp_path: Path) -> None:
+    (tmp_path / "reverse.csv").write_bytes(content)
+    result = CliRunner().invoke(main, ["calibrate", "measure", "reverse", str(tmp_path / "reverse.csv")])
+    assert result.exit_code == 2, result.output
+    assert said in " ".join(result.output.split())
+
+
+def test_continues_a_file_with_a_byte_order_mark(tmp_path: Path) -> None:
+    (tmp_path / "reverse.csv").write_text(f"{HEADING}\n6000,0.4,0.1,1\n", encoding="utf-8-sig")
+    assert "1 of 14 measurements; continuing" in walk(tmp_path / "reverse.csv", "reverse", "q")

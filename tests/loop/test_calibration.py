@@ -17,6 +17,7 @@ from trimtab.loop.calibration import (
     read_calibration,
 )
 
+NUMBER = 'version = 1\n["A.b"]\nvalue = 1.0\nunit = "m"\nstandard_error = 1.0\n'
 ONE = Calibration(
     {
         "Hovercraft.inertia": Entry(0.0961234567890123, "kg m^2", 0.001, 9, "trials.csv: 10 readings", "inertia"),
@@ -73,10 +74,21 @@ def test_comparison_gives_the_difference_in_standard_errors() -> None:
         ("a = 1", "has version None"),
         ('version = 1\n["A.b"]\nvalue = 1.0', "no value or no unit"),
         ('version = 1\n["A.b"]\nvalue = "x"\nunit = "m"', "not numbers"),
+        ('version = 1\n["A.b"]\nvalue = "0.1"\nunit = "m"', "not numbers"),
+        ('version = 1\n["A.b"]\nvalue = true\nunit = "m"', "not numbers"),
+        (f'version = 1\n["A.b"]\nvalue = 1{"0" * 400}\nunit = "m"', "not numbers"),
+        ('version = 1\n["A.b"]\nvalue = []\nunit = "m"', "empty list"),
+        ('version = 1\n["A.b"]\nvalue = 1.0\nunit = 5', "unit must be a text, got 5"),
+        ('version = 1\n["A.b"]\nvalue = 1.0\nunit = "m"\nfreedom = 0', "freedom must be above 0, got 0"),
+        ('version = 1\n["A.b"]\nvalue = 1.0\nunit = "m"\nfreedom = nan', "freedom must be above 0, got nan"),
+        ("version = 1\ncovariance = 5", "lacks `of`"),
         ('version = 1\n["A.b"]\nvalue = inf\nunit = "m"', "not finite"),
         ('version = 1\n["A.b"]\nvalue = 1.0\nunit = "m"\nstandard_error = -1.0', "standard_error"),
         ('version = 1\n["A.b"]\nvalue = 1.0\nunit = "m"\nsigma = 1.0', "unknown key 'sigma'"),
-        ('version = 1\n[[covariance]]\nof = ["A.b"]\nmatrix = [[1.0]]', "has no entry"),
+        ('version = 1\n[[covariance]]\nof = ["A.b"]\nmatrix = [[1.0]]', "has no number"),
+        (f'{NUMBER}[[covariance]]\nof = ["A.b[7]"]\nmatrix = [[1.0]]', "has no number of this name"),
+        (f'{NUMBER}[[covariance]]\nof = ["A.b", "A.b"]\nmatrix = [[1, 1], [1, 1]]', "names 'A.b' twice"),
+        (f'{NUMBER}[[covariance]]\nof = ["A.b"]\nmatrix = [[4.0]]', "standard error of A.b is 1, but"),
     ],
 )
 def test_rejects_invalid_calibration_files(text: str, words: str) -> None:
@@ -84,6 +96,17 @@ def test_rejects_invalid_calibration_files(text: str, words: str) -> None:
         parse_calibration("calibration 'boat.toml'", text)
     assert words in str(refused.value)
     assert "Fix: " in str(refused.value)
+
+
+def test_calibration_file_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    (tmp_path / "boat.toml").write_text(format_calibration(ONE), encoding="utf-8-sig")
+    assert read_calibration(tmp_path / "boat.toml") == ONE
+
+
+def test_comparison_rejects_different_units() -> None:
+    other = Calibration({"Hovercraft.inertia": Entry(961.0, "kg cm^2")})
+    with pytest.raises(InputError, match="'kg m\\^2' in the first calibration, and 'kg cm\\^2' in the second"):
+        compare_calibrations(ONE, other)
 
 
 def test_missing_file_error_names_the_calibrate_command(tmp_path: Path) -> None:

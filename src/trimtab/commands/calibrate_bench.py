@@ -1,60 +1,27 @@
 """`trimtab calibrate rudder|hull|thrust|reverse|inertia|friction|gyro`: calibrate from bench measurements."""
 
-import math
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
-from trimtab.actuators.rudder import RudderGeometry
-from trimtab.actuators.thruster import Thruster
 from trimtab.analysis.identify import coast_down, gyro_response, inertia, rudder, spin_up, thrust
 from trimtab.analysis.identify.regression import LinearFit
 from trimtab.commands.calibrate_files import CalibrationReport, finish_calibration
+from trimtab.commands.calibrate_inputs import describe_assumed, find_error, find_geometry, find_number, parse_amount
 from trimtab.commands.options import FILE, JSON, OUT, PLOT
 from trimtab.core.errors import InputError
 from trimtab.core.rotation import DEG
-from trimtab.core.units import UNITS, find_size
-from trimtab.logs.measurements import Measurements, read_measurements, refuse_spikes
-from trimtab.loop.calibration import (
-    Calibration,
-    Entry,
-    flat_entries,
-    joint_covariance,
-    read_calibration,
-    student_reach,
-)
+from trimtab.logs.measurements import Measurements, read_measurements, read_names, refuse_spikes
+from trimtab.loop.calibration import Calibration, Entry, student_reach
 from trimtab.plots.calibration import FitCurve, FitPanel
-from trimtab.vehicles.hovercraft import Friction, Hovercraft
+from trimtab.vehicles.hovercraft import Friction
 
 SLIP = {"torque": float(Friction().slip_rate), "force": float(Friction().slip_speed)}
-ASSUMED = (Hovercraft(), RudderGeometry(), Thruster())
-"""Hovercraft, rudder and thruster of the thesis, used for each parameter that no option and no file sets."""
-
 DATA = click.argument("data", type=FILE)
 ADD = OUT("FILE.toml", "Write the parameters to this calibration file. Other parameters in the file are kept.")
 DRAW = PLOT("Draw the fit and the residuals to this picture file.")
-
-
-def parse_amount(context: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
-    """Parse a number with its unit, e.g. '1.1 N', and return the SI value. The option's name sets the quantity."""
-    if text is None:
-        return None
-    kept = AMOUNTS[str(parameter.name)]
-    number, _, unit = text.strip().partition(" ")
-    size = find_size(unit, kept)
-    try:
-        amount = float(number) * (math.nan if size is None else size)
-    except ValueError:
-        amount = math.nan
-    if not math.isfinite(amount):
-        where, problem = f"--{parameter.name}", f"{text!r} is not a number with a unit"
-        raise InputError(where, problem, choices=UNITS[kept], fix=f"{where} '1.5 {kept}'")
-    return amount
-
-
-AMOUNTS = {"force": "N", "rudder": "rad", "arm": "m", "mass": "kg", "division": "N"}
 
 
 @click.command(name="rudder")
@@ -118,10 +85,10 @@ def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: b
     The rudder angle of the largest thrust is read from the file in --out, if `trimtab calibrate hull` wrote it there.
     """
     rows = read_measurements(data, thrust.THRUST_COLUMNS)
-    offset = _find_number(out, "Thruster.offset")
+    offset = find_number(out, "Thruster.offset")
     fit = thrust.fit_thrust(rows, offset)
     panels = [_thrust_panel(rows, fit, offset), _eta_panel(fit, offset)]
-    report = _report(rows, fit.fit, "force", *panels)
+    report = _report(rows, fit.fit, "force", *panels)._replace(notes=describe_assumed(out, "Thruster.offset"))
     if len(fit.angles) < 3:
         angles = ", ".join(f"{a / DEG:.0f}°" for a in fit.angles)
         text = (
@@ -192,7 +159,9 @@ def calibrate_inertia(
     A table has columns rudder [deg], force [N] and slope [rad/s^2]. The log of a spin-up has columns time [s] and
     yaw_rate [deg/s], and begins before the craft is released. The linear rise of the yaw rate is found automatically.
     """
-    geometry = _find_geometry(out, arm)
+    geometry = find_geometry(out, arm)
+    names = ("RudderGeometry.ratio", "RudderGeometry.offset", *(("Hovercraft.arm",) if arm is None else ()))
+    assumed = describe_assumed(out, *names)
     if (force is None) != (rudder is None):
         raise InputError(
             "calibrate inertia", "--force and --rudder must be given together", fix="--force '1.1 N' --rudder '-20 deg'"
@@ -205,7 +174,7 @@ def calibrate_inertia(
         curve = FitCurve(trial, found.each, mean, found.fit.kept, trial, mean, np.full(len(rows), found.reach()))
         panel = FitPanel("Moment of inertia", "trial", "J (kg m²)", [curve])
         report = CalibrationReport(
-            rows.file, len(rows), _describe_outliers(rows, found.fit, "slope", found.each - found.J), (panel,)
+            rows.file, len(rows), _describe_outliers(rows, found.fit, "slope", found.each - found.J), (panel,), assumed
         )
         finish_calibration("inertia", spin_up.inertia_calibration(rows, found), report, out, plot, as_json)
         return
@@ -222,7 +191,7 @@ def calibrate_inertia(
     panel = FitPanel("Spin-up", "time since release (s)", "yaw rate (rad/s)", [curve], note)
     about: dict[str, Any] = {"source": f"{rows.file}: {note}", "procedure": "inertia", "freedom": freedom}
     calibration = Calibration({"Hovercraft.inertia": Entry(J, "kg m^2", error, **about)})
-    report = CalibrationReport(rows.file, len(rows), (), (panel,), (note,))
+    report = CalibrationReport(rows.file, len(rows), (), (panel,), (note, *assumed))
     finish_calibration("inertia", calibration, report, out, plot, as_json)
 
 
@@ -239,15 +208,20 @@ def calibrate_friction(data: Path, mass: float | None, out: Path | None, plot: P
 
     DATA has columns time [s], yaw_rate [rad/s] or speed [m/s], and optionally trial.
     """
-    head = data.read_text(encoding="utf-8-sig").splitlines()[:1] if data.is_file() else []
-    kind, speed = ("force", "speed") if head and "speed" in head[0] else ("torque", "yaw_rate")
+    names = read_names(data, coast_down.SPIN_COLUMNS)
+    if "speed" in names and "yaw_rate" in names:
+        fix = "remove column 'speed' for a spin, or column 'yaw_rate' for a glide"
+        raise InputError(f"file '{data}'", "has both a column 'yaw_rate' and a column 'speed'", fix=fix)
+    kind, speed = ("force", "speed") if "speed" in names else ("torque", "yaw_rate")
+    if kind == "torque" and mass is not None:
+        fix = "leave --mass out for a spin; the log of a glide has a column speed [m/s]"
+        raise InputError("--mass", f"is only for a glide, but file '{data}' has no column 'speed'", fix=fix)
     columns = coast_down.GLIDE_COLUMNS if kind == "force" else coast_down.SPIN_COLUMNS
     rows = read_measurements(data, columns)
-    if kind == "force":
-        size, error = (_find_number(out, m := "Hovercraft.mass"), _find_error(out, m)) if mass is None else (mass, 0.0)
-    else:
-        size, error = _find_number(out, j := "Hovercraft.inertia"), _find_error(out, j)
+    size_name = "Hovercraft.mass" if kind == "force" else "Hovercraft.inertia"
+    size, error = (find_number(out, size_name), find_error(out, size_name)) if mass is None else (mass, 0.0)
     fit = coast_down.fit_coast_down(coast_down.split_trials(rows, speed), size, kind, SLIP[kind], error)
+    assumed = describe_assumed(out, size_name) if mass is None else ()
     curves = [
         FitCurve(t, v, fitted, np.ones(len(t), bool), t, fitted, label=f"trial {k}" if len(fit.trials) > 1 else "")
         for k, (t, v, fitted) in enumerate(fit.trials, 1)
@@ -261,7 +235,7 @@ def calibrate_friction(data: Path, mass: float | None, out: Path | None, plot: P
         )
         if value < 1.96 * error
     ]
-    report = CalibrationReport(rows.file, len(rows), (), (panel,), tuple(notes))
+    report = CalibrationReport(rows.file, len(rows), (), (panel,), (*notes, *assumed))
     finish_calibration("friction", coast_down.friction_calibration(rows.file, fit), report, out, plot, as_json)
 
 
@@ -301,31 +275,6 @@ PROCEDURES = (
     calibrate_friction,
     calibrate_gyro,
 )
-
-
-def _find_number(out: Path | None, name: str) -> float:
-    """Return a parameter's value from the calibration file of --out. A missing parameter has the thesis's value."""
-    if out is not None and out.exists():
-        entries = read_calibration(out).entries
-        if name in entries:
-            return float(entries[name].value)
-    kind, _, field = name.partition(".")
-    return float(next(getattr(r, field) for r in ASSUMED if type(r).__name__ == kind))
-
-
-def _find_error(out: Path | None, name: str) -> float:
-    """Return the standard error of a parameter in the calibration file of --out; 0 if the parameter is missing."""
-    flat = flat_entries(read_calibration(out)) if out is not None and out.exists() else {}
-    return flat[name][1] if name in flat else 0.0
-
-
-def _find_geometry(out: Path | None, arm: float | None) -> spin_up.ForceGeometry:
-    """Return the direction of the thrust at each rudder angle, with the covariance of the rudder's ratio and offset."""
-    names = ("RudderGeometry.ratio", "RudderGeometry.offset")
-    known = read_calibration(out) if out is not None and out.exists() else Calibration({})
-    covariance = joint_covariance(known, names) if names[0] in known.entries else np.zeros((2, 2))
-    arm = _find_number(out, "Hovercraft.arm") if arm is None else arm
-    return spin_up.ForceGeometry(arm, _find_number(out, names[0]), _find_number(out, names[1]), covariance)
 
 
 def _report(rows: Measurements, fit: LinearFit, column: str, *panels: FitPanel) -> CalibrationReport:

@@ -23,6 +23,7 @@ from trimtab.commands.output import (
 from trimtab.commands.progress import show_spinner
 from trimtab.core.control_characters import show_controls
 from trimtab.core.errors import InputError
+from trimtab.core.user_file import read_user_text
 from trimtab.loop.calibration import (
     Calibration,
     compare_calibrations,
@@ -103,7 +104,7 @@ def check_calibration_file(out: Path | None) -> None:
             raise InputError(
                 "--out", f"{str(out)!r} is not a calibration file (.toml)", fix=f"--out {out.stem or 'boat'}.toml"
             )
-        loses_nothing = out.is_file() and out.read_text("utf-8") == format_calibration(read_calibration(out))
+        loses_nothing = out.is_file() and format_calibration(read_calibration(out)) == read_user_text(out, "utf-8-sig")
         if not loses_nothing:  # the file may contain the user's comments, which would be lost
             check_out("--out", out, "boat.toml")
 

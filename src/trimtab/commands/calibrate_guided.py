@@ -12,6 +12,7 @@ from trimtab.commands.options import FILE
 from trimtab.commands.output import check_folder
 from trimtab.core.errors import InputError
 from trimtab.core.units import UNITS
+from trimtab.core.user_file import read_user_text
 from trimtab.logs.measurements import TRIAL as TRIAL_COLUMN
 from trimtab.logs.measurements import MeasuredColumn, read_measurements
 
@@ -129,10 +130,18 @@ def _read_lines(file: Path, heading: str, columns: Sequence[MeasuredColumn]) -> 
     """Read and check the measurements that an earlier call saved, one on each line."""
     if not file.exists():
         return []
-    lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
+    try:
+        lines = [line for line in read_user_text(file, "utf-8-sig").splitlines() if line.strip()]
+    except (OSError, UnicodeDecodeError) as error:
+        problem = f"{str(file)!r} cannot be read as text: {error}"
+        raise InputError("FILE", problem, fix="name a new file, or a file that this procedure has written") from None
     if lines[:1] != [heading]:
         problem = f"{str(file)!r} exists, but its first line is not {heading}"
         raise InputError("FILE", problem, fix="name a new file, or a file that this procedure has written")
+    comment = next((line for line in lines if line.startswith("#")), None)
+    if comment is not None:
+        problem = f"{str(file)!r} contains the comment {comment!r}, which would be lost"
+        raise InputError("FILE", problem, fix="remove the comment from the file")
     if len(lines) > 1:
         read_measurements(file, [c._replace(most=0.0) for c in columns])
     return lines[1:]

@@ -132,6 +132,14 @@ def read_measurements(path: str | Path, columns: Iterable[MeasuredColumn], *, se
     return result
 
 
+def read_names(path: str | Path, columns: Iterable[MeasuredColumn]) -> list[str]:
+    """Return the names of all columns of a measurement file, without units, as `read_measurements` compares them.
+
+    columns: columns to name in the error message for an invalid file.
+    """
+    return _plain_names(_read_rows(f"file '{path}'", Path(path), tuple(columns))[0][1])
+
+
 def refuse_spikes(data: Measurements, name: str) -> None:
     """Raise InputError if a time series contains spikes, i.e. single readings far from the surrounding readings."""
     values = np.asarray(data[name], np.float64)
@@ -190,7 +198,7 @@ def _match_headings(
     """Return the name of a column -> index in a row, and the name of a column -> conversion factor of its unit."""
     at: dict[str, int] = {}
     factors: dict[str, float] = {}
-    names = [re.split(r"\s*[\[(]", cell)[0].strip().lower().replace(" ", "_") for cell in head]
+    names = _plain_names(head)
     for i, (name, cell) in enumerate(zip(names, head, strict=True)):
         if name in at:
             raise InputError(where, f"line {line} has column {name!r} twice", fix="remove one of the two columns")
@@ -207,6 +215,10 @@ def _match_headings(
             fix = f"write {column.heading()}" + (f" where it says {near[0]!r}" if near else " and its values")
             raise InputError(where, problem, choices=[c.strip() for c in head], fix=fix)
     return at, factors
+
+
+def _plain_names(head: Sequence[str]) -> list[str]:
+    return [re.split(r"\s*[\[(]", cell)[0].strip().lower().replace(" ", "_") for cell in head]
 
 
 def _unit_factor(where: str, line: int, column: MeasuredColumn, unit: str | None) -> float:

@@ -117,7 +117,7 @@ def read_calibration(path: str | Path) -> Calibration:
     """
     where = f"calibration '{path}'"
     try:
-        text = read_user_text(path)
+        text = read_user_text(path, "utf-8-sig")
     except FileNotFoundError:
         fix = f"make a calibration file: trimtab calibrate thrust thrust.csv --out {path}"
         raise InputError(where, "the file does not exist", fix=fix) from None
@@ -137,7 +137,10 @@ def parse_calibration(where: str, text: str) -> Calibration:
         raise InputError(where, problem, fix="use a file that trimtab calibrate wrote")
     tables = {n: v for n, v in content.items() if n not in ("version", "covariance")}
     entries = {name: _read_entry(f"{where}, {name}", table) for name, table in tables.items()}
-    covariances = tuple(_read_covariance(where, entries, table) for table in content.get("covariance", []))
+    listed = content.get("covariance", [])
+    covariances = tuple(
+        _read_covariance(where, entries, table) for table in (listed if isinstance(listed, list) else [listed])
+    )
     return Calibration(entries, covariances)
 
 
@@ -204,6 +207,10 @@ def compare_calibrations(a: Calibration, b: Calibration) -> dict[str, tuple[floa
     for name in sorted({*one, *two}):
         if name not in one or name not in two:
             changes[name] = (one[name][0] if name in one else None, two[name][0] if name in two else None, None)
+        elif (units := (a.entries[_base(name)].unit, b.entries[_base(name)].unit))[0] != units[1]:
+            problem = f"has the unit {units[0]!r} in the first calibration, and {units[1]!r} in the second"
+            fix = f'write the second value in {units[0]}, and  unit = "{units[0]}"'
+            raise InputError(f"calibration, {name}", problem, fix=fix)
         elif one[name][0] != two[name][0]:
             error = math.hypot(one[name][1], two[name][1])
             apart = abs(two[name][0] - one[name][0]) / error if error > 0 else None
@@ -217,6 +224,14 @@ def _base(name: str) -> str:
 
 def _plain(value: Any) -> Any:
     return None if value is None else np.asarray(value, np.float64).tolist()
+
+
+def _numbers(value: Any) -> Any:
+    """Return an array of a number or of nested lists of numbers. Raise TypeError for text, true or false."""
+    values = np.asarray(value)
+    if values.dtype.kind in "USbMm":
+        raise TypeError(f"not a number: {value!r}")
+    return values.astype(np.float64)
 
 
 def _toml(value: Any) -> str:
@@ -233,11 +248,18 @@ def _read_entry(where: str, table: Any) -> Entry:
     if unknown:
         raise InputError(where, f"has the unknown key {sorted(unknown)[0]!r}", choices=Entry._fields, fix=fix)
     try:
-        value = np.asarray(table["value"], np.float64)
-        error = None if "standard_error" not in table else np.asarray(table["standard_error"], np.float64)
-        freedom = float(table.get("freedom", math.inf))
-    except (TypeError, ValueError):
+        value = _numbers(table["value"])
+        error = None if "standard_error" not in table else _numbers(table["standard_error"])
+        freedom = float(_numbers(table.get("freedom", math.inf)))
+    except (TypeError, ValueError, OverflowError):
         raise InputError(where, "contains values that are not numbers", fix=fix) from None
+    if not isinstance(table["unit"], str):
+        raise InputError(where, f"the unit must be a text, got {table['unit']!r}", fix=fix)
+    if not value.size:
+        raise InputError(where, "the value is an empty list", fix=fix)
+    if not freedom > 0:
+        problem = f"freedom must be above 0, got {freedom:g}"
+        raise InputError(where, problem, fix="leave freedom out if it is unknown")
     if not np.isfinite(value).all():
         raise InputError(where, "the value is not finite", fix=fix)
     if error is not None and (error.shape != value.shape or not (np.isfinite(error) & (error >= 0)).all()):
@@ -249,22 +271,32 @@ def _read_entry(where: str, table: Any) -> Entry:
 
 def _read_covariance(where: str, entries: Mapping[str, Entry], table: Any) -> Covariance:
     try:
-        of, matrix = tuple(map(str, table["of"])), np.asarray(table["matrix"], np.float64)
-    except (KeyError, TypeError, ValueError):
+        of, matrix = tuple(map(str, table["of"])), _numbers(table["matrix"])
+    except (KeyError, TypeError, ValueError, OverflowError):
         fix = "write  of = [names of parameters]  and  matrix = [[…]]"
         raise InputError(where, "a [[covariance]] table lacks `of` or `matrix`", fix=fix) from None
-    missing = [n for n in of if _base(n) not in entries]
+    flat = flat_entries(Calibration(entries))
+    missing = [n for n in of if n not in flat]
     if missing:
         raise InputError(
             where,
-            f"a [[covariance]] table names {missing[0]!r}, but the file has no entry of this name",
-            choices=entries,
-            fix="use only names of entries in this file",
+            f"a [[covariance]] table names {missing[0]!r}, but the file has no number of this name",
+            choices=flat,
+            fix="use only names of entries in this file, with an index for a number of a list",
         )
+    if twice := [n for n in of if of.count(n) > 1]:
+        fix = "name each number once, and give the matrix one row for each name"
+        raise InputError(where, f"a [[covariance]] table names {twice[0]!r} twice", fix=fix)
     good = matrix.shape == (len(of),) * 2 and np.isfinite(matrix).all() and np.allclose(matrix, matrix.T)
     if not good or np.linalg.eigvalsh(matrix).min() < -1e-9 * max(np.trace(matrix), 1e-300):
         problem = (
             f"the covariance of {', '.join(of)} must be a symmetric, positive semidefinite matrix with {len(of)} rows"
         )
         raise InputError(where, problem, fix="use the covariance that trimtab calibrate writes")
+    for name, variance in zip(of, np.diagonal(matrix), strict=True):
+        stated, error = flat[name][1], math.sqrt(max(float(variance), 0.0))
+        if entries[_base(name)].standard_error is not None and not math.isclose(stated, error, rel_tol=1e-3):
+            problem = f"the standard error of {name} is {stated:.6g}, but its variance in [[covariance]] gives"
+            fix = "calibrate again, or remove this [[covariance]] table if you have changed the standard error"
+            raise InputError(where, f"{problem} {error:.6g}", fix=fix)
     return Covariance(of, matrix.tolist(), str(table.get("procedure", "")))

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, stdtrit
 
 from trimtab.analysis.identify.regression import LinearFit, fit_linear
 from trimtab.analysis.identify.rudder import refuse_few, source_of
@@ -35,6 +35,8 @@ The share is below 1 so that one outlier does not hide saturation.
 """
 DIVISIONS = 1.5
 """Largest difference of two forces, in scale divisions of the gauge, at which the gauge may show equal readings."""
+RISE = 0.5
+"""Smallest plausible rise of the force with the square of the speed, as a fraction of the fitted coefficient."""
 UNLIKELY = 0.001
 """Significance level. At a smaller p-value, the thrust is considered not proportional to cos(theta - offset)."""
 CUBIC = 4
@@ -78,6 +80,7 @@ def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
     refuse_saturation(data, "force", n * n * eta)
     fit = fit_linear((n * n * eta)[:, None], F)
     kept = fit.kept
+    _refuse_no_rise(data, float(fit.value[0]), kept)
     angles = np.unique(np.round(theta / DEG, 1)) * DEG
     by_angle, errors, misfit, freedom = [], [], 0.0, 0
     for angle in angles:
@@ -95,6 +98,35 @@ def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
     chance = float(chdtrc(freedom - 1, misfit)) if freedom > 1 else 1.0
     c, error = float(fit.value[0]), float(fit.standard_errors()[0])
     return ThrustFit(angles, np.array(by_angle), np.array(errors), c, error, chance, fit)
+
+
+def _refuse_no_rise(data: Measurements, coefficient: float, kept: Any) -> None:
+    """Raise InputError if the force is negative, or does not rise with the square of the speed at equal angles.
+
+    Args:
+        data: readings with the columns `THRUST_COLUMNS`.
+        coefficient: fitted thrust per square of the speed (N/krpm²).
+        kept: False for outliers (n,).
+    """
+    where = f"file {data.file!r}"
+    if coefficient <= 0:
+        fix = "write a force that pulls the craft forward as a positive number"
+        raise InputError(where, f"column 'force' is negative: the fit is {coefficient:.4g} N/krpm²", fix=fix)
+    angle = np.round(data["rudder"][kept] / DEG, 1)
+    x, F = (data["speed"][kept] * 1e-3) ** 2, data["force"][kept]
+    for each in np.unique(angle):
+        of = angle == each
+        x[of], F[of] = x[of] - x[of].mean(), F[of] - F[of].mean()
+    square, freedom = float(x @ x), len(x) - len(np.unique(angle)) - 1
+    if freedom < 1 or np.ptp(x) < 1:
+        return
+    rise = float(x @ F) / square
+    error = float(np.sqrt(np.sum((F - rise * x) ** 2) / freedom / square))
+    if rise + stdtrit(freedom, 1 - UNLIKELY) * error < RISE * coefficient:
+        problem = f"at equal rudder angles the force changes by {rise:.3g} N/krpm² with the square of the speed,"
+        problem += f" but a thrust of {coefficient:.3g} N/krpm² fits the readings"
+        fix = "check if the gauge is saturated or sticks, and if 'speed' and 'force' were read at the same time"
+        raise InputError(where, problem, fix=fix)
 
 
 class ReverseFit(NamedTuple):
