@@ -122,3 +122,29 @@ def test_first_interrupt_sets_flag_and_second_raises():
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.fixture(params=[signal.SIG_DFL, signal.SIG_IGN])
+def hangup(request):
+    """Handler of SIGHUP before a flight. It is ignored under nohup."""
+    before = signal.signal(signal.SIGHUP, request.param)
+    yield request.param
+    signal.signal(signal.SIGHUP, before)
+
+
+def test_lost_terminal_sets_flag_unless_ignored_and_never_raises(hangup):
+    """Shell and system both send SIGHUP, at any time one after the other. Only a user can ask to end at once."""
+    clock = SimpleNamespace(now=0)
+    clock.monotonic_ns = lambda: clock.now
+    with catch_interrupts(clock) as stop:
+        try:
+            for _ in range(3):
+                os.kill(os.getpid(), signal.SIGHUP)
+                clock.now += 1_000_000_000
+        except KeyboardInterrupt:
+            pytest.fail("a second SIGHUP ends the program at once")
+        assert stop() == (hangup is signal.SIG_DFL)
+        if stop():
+            with pytest.raises(KeyboardInterrupt):
+                os.kill(os.getpid(), signal.SIGTERM)
+    assert signal.getsignal(signal.SIGHUP) is hangup

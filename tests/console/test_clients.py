@@ -1,11 +1,14 @@
 """Messages that a page may send."""
 
+import asyncio
 import json
 
 import pytest
+from starlette.websockets import WebSocketState
 
+from trimtab.console import clients
 from trimtab.console.access import OBSERVER, PILOT
-from trimtab.console.clients import MESSAGES, parse_message
+from trimtab.console.clients import MESSAGES, VIOLATION, Client, parse_message
 
 GOOD = {
     "ping": {"sent": 12.5},
@@ -65,3 +68,49 @@ def test_observers_cannot_send_commands(kind):
     else:
         with pytest.raises(ValueError, match="observer"):
             parse_message(text, OBSERVER)
+
+
+class DeafSocket:
+    """Socket of a page that sends nothing, and accepts a number of messages only."""
+
+    application_state = WebSocketState.CONNECTED
+
+    def __init__(self, accepted):
+        self.accepted, self.received, self.closed = accepted, [], None
+
+    async def receive(self):
+        await asyncio.Event().wait()
+
+    async def send_text(self, text):
+        if len(self.received) == self.accepted:
+            await asyncio.Event().wait()
+        self.received.append(text)
+
+    send_bytes = send_text
+
+    async def close(self, code, reason):
+        self.closed = code, reason
+
+
+@pytest.mark.parametrize("last", ["text", "row"])
+def test_page_that_accepts_no_data_is_disconnected_after_five_seconds(monkeypatch, last):
+    """The test shortens the five seconds."""
+    assert clients.LONGEST_SEND == 5.0
+    monkeypatch.setattr(clients, "LONGEST_SEND", 0.05)
+
+    async def serve():
+        socket = DeafSocket(accepted=1)
+        client = Client(1, PILOT, socket)
+        client.send({"type": "hello"})
+        if last == "text":
+            client.send({"type": "event"})
+        else:
+            client.send_row(b"row")
+        began = asyncio.get_running_loop().time()
+        why = await asyncio.wait_for(client.serve(lambda *_: None), 10)
+        return socket, why, asyncio.get_running_loop().time() - began
+
+    socket, why, took = asyncio.run(serve())
+    assert (why, len(socket.received)) == ("the page accepted no data for 0.05 s", 1)
+    assert socket.closed == (VIOLATION, why)
+    assert took >= 0.05

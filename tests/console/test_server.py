@@ -303,6 +303,28 @@ def test_slow_page_skips_rows_and_gets_the_newest(site):
 
 
 @pytest.mark.real_time
+def test_page_that_reads_nothing_is_disconnected_once_its_buffers_are_full(site):
+    """Buffers of the kernel take data for a while, here about a second. Five seconds later the page is closed."""
+
+    async def fill():
+        async with site.connect() as good, site.connect() as deaf:
+            await _collect(deaf, ["hello"])
+            deaf.transport.pause_reading()
+            began = time.monotonic()
+            while not any("accepted no data for 5 s" in note for note in site.flight.notes()):
+                assert time.monotonic() - began < 60.0
+                for _ in range(10):
+                    site.flight.send("event", t=0.0, text="x" * 10_000)
+                site.flight.read()
+                await _collect(good, ["event"])
+            assert time.monotonic() - began > 5.0
+            site.flight.send_row(estimate__age=0.3)
+            assert (await _collect(good, ["row"]))["row"]
+
+    asyncio.run(fill())
+
+
+@pytest.mark.real_time
 def test_alarms_are_shown_acknowledged_and_logged(site):
     async def alarm():
         async with site.connect() as page:

@@ -151,33 +151,45 @@ def test_no_measurement_without_a_far_end(under):
     assert under(sky, LinkTestPlan(2.9, 22.0, 10)) is None
 
 
+class Ground:
+    """A link on which one request for load (byte/s) arrives, and the clock of the far end."""
+
+    def __init__(self, load):
+        self.t, self.sent, self._load = 50.0, [], load
+
+    def monotonic_ns(self):
+        return round(self.t * 1e9)
+
+    def receive(self, timeout):
+        if self._load is not None:
+            load, self._load = self._load, None
+            return Hello(BOOT, 1, load).pack()
+        self.t += max(timeout, 1e-5)
+
+    def accept_sender(self):
+        pass
+
+    def send(self, packet):
+        self.sent.append((self.t, len(packet)))
+
+
 def test_far_end_generates_requested_load_then_stops():
     """22 kb/s are 2200 bytes a second, replies included. The load stops three seconds after the last request."""
-
-    class Ground:
-        t, sent, said = 50.0, [], False
-
-        def monotonic_ns(self):
-            return round(self.t * 1e9)
-
-        def receive(self, timeout):
-            if not self.said:
-                self.said = True
-                return Hello(BOOT, 1, 2200).pack()
-            self.t += max(timeout, 1e-4)
-
-        def accept_sender(self):
-            pass
-
-        def send(self, packet):
-            self.sent.append((self.t, len(packet)))
-
-    ground = Ground()
+    ground = Ground(2200)
     assert echo_requests(ground, stop=lambda: ground.t > 60.0, clock=ground, boot=BOOT) == 0
     assert sum(n for t, n in ground.sent if t < 53.0) == pytest.approx(3 * 2200, abs=50)  # two messages
     assert max(t for t, _ in ground.sent) < 53.2
     gaps = np.diff([t for t, _ in ground.sent[2:]])
     assert gaps.max() < 0.013  # 25 bytes at 2200 byte/s: each 11.4 ms
+
+
+@pytest.mark.parametrize("requested", [100_001, 125_000, 2**31])
+def test_far_end_sends_at_most_1_megabit_per_second(requested):
+    """With ten bits per byte, these are 100 000 bytes a second."""
+    ground = Ground(requested)
+    echo_requests(ground, stop=lambda: ground.t > 50.5, clock=ground, boot=BOOT)
+    sent = sum(n for _, n in ground.sent)
+    assert sent == pytest.approx(0.5 * 100_000, rel=0.01)
 
 
 @pytest.mark.real_time

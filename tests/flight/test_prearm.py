@@ -11,6 +11,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.time import ms, seconds
 from trimtab.flight.injector import add_idle_faults
 from trimtab.flight.mavlink.endpoint import Endpoint, FrameCounts
+from trimtab.flight.mavlink.protocol import ReceiverChannels
 from trimtab.flight.prearm import ArmingGuard, FrameLoss
 from trimtab.flight.transports.open_link import open_link
 from trimtab.flight.vehicle import LiveVehicle
@@ -168,6 +169,24 @@ def test_rejects_limit_that_no_sensor_measures(craft):
     with pytest.raises(InputError, match="no sensor of this vehicle measures the distance") as refused:
         craft.limit(distance=5.0)
     assert refused.value.choices == ("speed", "rate")
+
+
+def test_guard_of_a_live_vehicle_watches_its_own_link_and_receiver(craft):
+    """The guard that answers a request to arm counts the frames of the vehicle's endpoint, and hears its receiver."""
+    vehicle, t = craft.vehicle, craft.body.t + seconds(1)
+    guard, counts = vehicle.parts.guard, vehicle.endpoint.counts
+    vehicle.duties.handle_event(ReceiverChannels((1.5e-3,) * 5), t)
+    guard.follow(t, "disarmed")
+    values = [{c.name: c.value for c in guard.checks}]
+    for k in range(1, 3):
+        counts.accepted += 10
+        counts.lost += 30 * (k - 1)
+        guard.follow(t + k * ms(100), "disarmed")
+        values.append({c.name: c.value for c in guard.checks})
+    assert [v["receiver silence"] for v in values] == pytest.approx([0.0, 0.1, 0.2])
+    assert [v["link silence"] for v in values[1:]] == [0.0, 0.0]
+    assert values[2]["frames lost"] == 75
+    assert guard._disk is vehicle.parts.machine.disk
 
 
 def test_frame_loss_covers_recent_frames_only():

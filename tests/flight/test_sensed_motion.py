@@ -20,9 +20,9 @@ SENSORS = {
 class Body:
     """Samples in a vector, as a compiled world has them."""
 
-    def __init__(self):
-        self.samples, writes, k = dict.fromkeys(SENSORS), {}, 0
-        for sensor, fields in SENSORS.items():
+    def __init__(self, sensors=SENSORS):
+        self.samples, writes, k = dict.fromkeys(sensors), {}, 0
+        for sensor, fields in sensors.items():
             for name, size in {"t": 1, "valid": 1, **{f"value.{f}": n for f, n in fields.items()}}.items():
                 writes[f"downlink.{sensor}.{name}"] = slice(k, k + size) if size > 1 else k
                 k += size
@@ -63,6 +63,22 @@ def test_breach_needs_patience_and_resets_inside_the_limit(body):
     assert motion.find_breach(ms(120), {}) is None  # it begins anew
     assert motion.find_breach(ms(130), {"imu": 2.0}) is None  # which tells nothing of the distance
     assert motion.find_breach(ms(130), {"gps": 0.5}) == ("fence", "distance not known, no data from gps for 0.5 s")
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_angle_of_attack_breaches_its_limit_after_the_patience(sign):
+    body = Body({"vane": {"alpha": 1}})
+    motion = SensedMotion(body, VehicleLimits(angle=0.2, patience=ms(100)))
+    body.set("vane", alpha=sign * 0.2)
+    assert (motion.find_breach(0, {}), motion.find_breach(seconds(1), {})) == (None, None)
+    body.set("vane", alpha=sign * 0.21)
+    assert (motion.find_breach(seconds(2), {}), motion.find_breach(seconds(2) + ms(99), {})) == (None, None)
+    breach = "envelope", "angle 0.21 rad, at most 0.2, by vane"
+    assert motion.find_breach(seconds(2) + ms(100), {}) == breach
+    silent = "envelope", "angle not known, no data from vane for 0.5 s"
+    assert motion.find_breach(seconds(3), {"vane": 0.5}) == silent
+    body.set("vane", alpha=math.nan)
+    assert motion.find_breach(seconds(3), {}).text.startswith("angle nan rad")
 
 
 def test_rest_is_mean_motion_over_the_rest_time(body):

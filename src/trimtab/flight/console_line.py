@@ -51,8 +51,11 @@ class ConsoleLine:
         end.setblocking(False)
         self._end, self._clock = end, clock
         self._rows: FlightRows | None = None
-        self.dropped = 0
-        """Number of packets that could not be sent, e.g. because the socket's buffer was full."""
+        self.dropped = self.dropped_in_a_row = 0
+        """Number of packets that could not be sent, e.g. because the socket's buffer was full: all of them, and those
+        since the last packet that was sent."""
+        self.has_ended = False
+        """True once the console's end of the socket is closed, because the console's process has ended."""
 
     def set_rows(self, rows: FlightRows) -> list[ShownSignal]:
         """Set the layout of the flight's log rows. Return the signals that the page shows."""
@@ -80,13 +83,18 @@ class ConsoleLine:
     def receive(self) -> list[Mapping[str, Any]]:
         """Return the messages received from the console, at most MOST_PACKETS."""
         found: list[Mapping[str, Any]] = []
-        with contextlib.suppress(OSError):
+        try:
             for _ in range(MOST_PACKETS):
                 packet = self._end.recv(LARGEST_PACKET)
                 if not packet:
+                    self.has_ended = True
                     break
                 with contextlib.suppress(ValueError):
                     found.append(json.loads(packet[len(TEXT) :]))
+        except BlockingIOError:
+            pass
+        except OSError:
+            self.has_ended = True
         return found
 
     def close(self) -> None:
@@ -96,5 +104,7 @@ class ConsoleLine:
     def _send(self, packet: bytes | bytearray) -> None:
         try:
             self._end.send(packet)
+            self.dropped_in_a_row = 0
         except OSError:
             self.dropped += 1
+            self.dropped_in_a_row += 1

@@ -37,8 +37,9 @@ from trimtab.links.fifo import required_slots
 from trimtab.links.latency import BELOW_MIN_MS, SEND_PERIODS, Latencies, gamma_table
 from trimtab.links.latency_trace import Trace
 
-MOST_LOAD = 125_000
-"""Largest load (bytes per second) that the far end sends, even if a larger load is requested."""
+MOST_LOAD = 100_000
+"""Largest load (bytes per second) that the far end sends, even if a larger load is requested: 1 Mb/s with ten bits per
+byte."""
 LOAD_TIMEOUT = 3.0
 """Time (s) for which the far end sends load after the last request for load."""
 BURST = 4

@@ -37,14 +37,15 @@ def catch_interrupts(clock: Clock = SYSTEM_CLOCK) -> Iterator[Callable[[], bool]
     """Convert Ctrl-C, SIGTERM and SIGHUP to a flag, so that the program can disarm the vehicle and close its logs
     before it ends.
 
-    A second signal, more than `SAME_KEYPRESS_S` after the first, ends the program immediately. SIGHUP is sent when a
-    terminal or an ssh session is lost. If SIGHUP was ignored before, as under nohup, it stays ignored.
+    A second Ctrl-C or SIGTERM, more than `SAME_KEYPRESS_S` after the first signal, ends the program immediately. SIGHUP
+    is sent when a terminal or an ssh session is lost, often twice: by the shell and by the system. If SIGHUP was
+    ignored before, as under nohup, it stays ignored.
     """
     asked: list[int] = []
 
-    def note(_number: int, _: object) -> None:
+    def note(number: int, _: object) -> None:
         now = clock.monotonic_ns()
-        if asked and now - asked[0] > SAME_KEYPRESS_S * NS_PER_SECOND:
+        if asked and number in (signal.SIGINT, signal.SIGTERM) and now - asked[0] > SAME_KEYPRESS_S * NS_PER_SECOND:
             raise KeyboardInterrupt
         asked.append(now)
 

@@ -28,6 +28,8 @@ HOLD_SILENCE = ms(500)
 flight ends.
 """
 CHECK_PERIOD, TIMING_PERIOD = ms(500), seconds(1)
+MOST_DROPPED = seconds(1) // ROW_PERIOD
+"""Number of consecutive packets dropped by a console after which the console is reported: the rows of one second."""
 
 
 class NoPilot:
@@ -83,6 +85,7 @@ class Piloting:
         self._stick_time = 0
         self._is_held = False
         self._next = {"row": 0, "checks": 0, "timing": 0}
+        self._console_problem = ""
         self._stick_clocks: list[float] = []
         self._latencies: list[float] = []
 
@@ -91,6 +94,7 @@ class Piloting:
         self._t = t
         for wish in self._line.receive():
             self._follow(wish, t)
+        self._watch_console()
         self._watch_stick(t)
         if self.has_stopped and self._supervised.mode not in (None, ENDED):
             self._supervised.request("end")
@@ -198,6 +202,19 @@ class Piloting:
         self._stick.move(0.0, 0.0, self._stick.mode, t)
         self._report(f"{why}: hold")
         self._supervised.request("hold")
+
+    def _watch_console(self) -> None:
+        """Report a console that has ended or accepts no data. Its pages then cannot stop the flight."""
+        line, problem = self._line, ""
+        if line.has_ended:
+            problem = "the console has ended"
+        elif line.dropped_in_a_row >= MOST_DROPPED:
+            problem = "the console accepts no data"
+        if problem == self._console_problem:
+            return
+        self._console_problem = problem
+        rest = "its pages cannot stop the flight, use Ctrl-C" if problem else "the console accepts data again"
+        self._report(f"{problem}: {rest}" if problem else rest)
 
     def _watch_stick(self, t: int) -> None:
         """If no data arrive from the stick in use, request the supervisor to hold, and later end the flight (dead man's

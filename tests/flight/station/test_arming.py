@@ -4,10 +4,13 @@ import math
 
 import pytest
 from flight.mavlink.line import every
+from flight.station.test_parameters import parameters
 from run.stand_ins import dialect, ends
 
 from trimtab.core.time import ms, seconds
+from trimtab.flight.mavlink.protocol import CommandCode, CommandResult
 from trimtab.flight.station.arming import MOST_ASKS, ArmingCheck, RemoteChecks, first_problem, pack_checks
+from trimtab.flight.station.standard_services import Station, Status
 
 _, DIALECT = dialect({"compass": every()}, every())
 CHECKS = [
@@ -22,6 +25,22 @@ CHECKS = [
 @pytest.fixture
 def line():
     return ends(DIALECT)
+
+
+@pytest.mark.parametrize(("is_armed", "result"), [(True, CommandResult.NOT_NOW), (False, CommandResult.UNSUPPORTED)])
+@pytest.mark.parametrize("action", [1.0, 2.0, 3.0])
+def test_reboot_request_is_refused_armed_or_not(line, is_armed, result, action):
+    """PREFLIGHT_REBOOT has no effect, whether it asks to restart or to switch off."""
+    station = Station(line.there, parameters(), {0: "MANUAL"})
+    station.status = Status(armed=is_armed)
+    fields = {"command": CommandCode.REBOOT, "param1": action, "target_system": line.there.system}
+    (request,) = line.there.feed(line.here.pack("COMMAND_LONG", fields))
+    done = station.handle_message(request, 0)
+    replies = [message for packet in done.replies for message in line.here.feed(packet)]
+    assert [m.get("result") for m in replies if m.name == "COMMAND_ACK"] == [result]
+    assert "".join(m.get("text") for m in replies if m.name == "STATUSTEXT").startswith("Not rebooted: ")
+    assert done.events == []
+    assert station.status.armed == is_armed
 
 
 def ask(line):

@@ -3,10 +3,12 @@
 from collections import Counter
 
 import pytest
+from flight.station.test_parameters import parameters
 
 from trimtab.core.time import ms, seconds
 from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.mavlink.protocol import CommandCode, CommandResult, Severity
+from trimtab.flight.station.standard_services import Station
 from trimtab.flight.station.streams import Streams, TelemetryStream, TextAssembly, pack_text
 
 ATTITUDE, LANDED, IMU, INTERVAL, UNKNOWN = 30, 245, 105, 244, 31
@@ -112,6 +114,27 @@ def test_data_stream_request_sets_rates_of_a_group(line):
     assert line.count(seconds(2)) == {}
     line.ask(77, 5)
     assert line.count(seconds(2)) == {}
+
+
+@pytest.mark.parametrize("order", [(4, 25), (25, 4), (10, 0)])
+def test_last_of_several_stations_sets_the_rate_for_all(dialect, order):
+    """Each of two stations requests its own rate (Hz) of one message. 0: the station stops the message."""
+    vehicle = Endpoint(dialect, 1, 1, unsigned=True)
+    attitude = TelemetryStream(lambda now: {"time_boot_ms": now // ms(1)}, ms(250))
+    landed = TelemetryStream(lambda now: {"landed_state": 1}, seconds(1))
+    streams = Streams(vehicle, {"ATTITUDE": attitude, "EXTENDED_SYS_STATE": landed})
+    station = Station(vehicle, parameters(), {0: "MANUAL"}, streams=streams)
+    for system, rate in zip((254, 255), order, strict=True):
+        ground = Endpoint(dialect, system, 190, unsigned=True)
+        interval = 1e6 / rate if rate else -1
+        fields = {"command": CommandCode.SET_INTERVAL, "param1": ATTITUDE, "param2": interval, "target_system": 1}
+        for packet in (ground.pack("HEARTBEAT", {}), ground.pack("COMMAND_LONG", fields)):
+            for message in vehicle.feed(packet):
+                replies = station.handle_message(message, 0).replies
+        assert [m.get("result") for m in ground.feed(b"".join(replies))] == [CommandResult.ACCEPTED]
+    found = Counter(m.name for t in range(2000) for p in station.due(ms(1) * t) for m in ground.feed(p))
+    assert found["ATTITUDE"] == pytest.approx(2 * order[-1], abs=1)
+    assert found["EXTENDED_SYS_STATE"] == 2
 
 
 def test_after_a_pause_there_is_no_burst(line):

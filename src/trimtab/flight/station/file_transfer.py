@@ -28,8 +28,6 @@ IDLE_TIME = seconds(30)
 LONGEST_BURST = 200
 """Maximum number of packets in a burst. The reader must then send a new request, so that a burst ends if the reader is
 gone."""
-FLYING_SHARE = 0.05
-"""Fraction of the maximum rate that file transfer may use while the vehicle is armed."""
 
 
 class Operation(IntEnum):
@@ -153,7 +151,7 @@ class FileTransferService:
             packet = self._pack(burst.owner, _make_answer(asked, Operation.ACK, data, is_last))
         else:
             packet = self._pack(burst.owner, _make_answer(asked, Operation.NAK, bytes((FileError.END_OF_FILE,))))
-        self._pace.count(len(packet), now, FLYING_SHARE if is_armed else 1.0)
+        self._pace.count(len(packet), now, is_armed=is_armed)
         return [packet]
 
     def _follow(self, request: _Request, owner: tuple[int, int], now: int, is_armed: bool) -> bytes | None:

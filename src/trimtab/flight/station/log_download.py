@@ -64,7 +64,7 @@ class LogService:
             packet = self._next_piece(self._download)
         else:
             return []
-        self._pace.count(len(packet), now)
+        self._pace.count(len(packet), now, is_armed=is_armed)
         return [packet]
 
     def _list_logs(self, is_armed: bool) -> list[tuple[int, FileEntry]]:

@@ -27,6 +27,8 @@ MOST_ENTRIES = 2000
 PATIENCE_S = 0.005
 """Longest time (s) that the vehicle's loop waits for a new list of the logs. If reading the folder takes longer, the
 previous list is sent."""
+FLYING_SHARE = 0.05
+"""Fraction of the maximum rate that a transfer may use while the vehicle is armed."""
 LISTING_PERIOD_S = 0.5
 """Shortest time (s) between two readings of the log folder. Requests in between, e.g. for the next part of a long list,
 are answered from the last list."""
@@ -159,8 +161,9 @@ class Pace:
         """Return True if a packet may be sent at time `now` (100 ns)."""
         return now >= self._next
 
-    def count(self, size: int, now: int, share: float = 1.0) -> None:
-        """Count a packet of `size` bytes that is sent now. share: available fraction of the maximum rate."""
+    def count(self, size: int, now: int, *, is_armed: bool) -> None:
+        """Count a packet of `size` bytes that is sent now. While the vehicle is armed, the maximum rate is lower."""
+        share = FLYING_SHARE if is_armed else 1.0
         self._next = now + int(size / (self._rate * share) * UNITS_PER_SECOND)
 
 
