@@ -60,8 +60,8 @@ def test_detects_record_without_source():
         assert_declared(Silent)
 
 
-@pytest.mark.parametrize(("unit", "doc", "kind"), [("", "A length.", "real"), ("m", " ", "real"), ("m", "A.", "angle")])
-def test_detects_quantity_without_unit_or_meaning(unit, doc, kind):
+@pytest.mark.parametrize(("unit", "doc", "kind"), [("m", " ", "real"), ("m", "A.", "angle")])
+def test_detects_quantity_without_meaning_and_angle_in_metres(unit, doc, kind):
     @record
     class Vague:
         """Source: this test."""
