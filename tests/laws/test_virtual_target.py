@@ -130,6 +130,6 @@ def test_car_converges_to_the_path_from_random_starts(runs):
 @pytest.mark.thorough
 def test_rejects_a_path_with_too_tight_bends():
     tight = VirtualTarget(reference=Circle(radius=0.5, period=6.0, ease=0.0))
-    with pytest.raises(InputError, match=r"circle of 0\.50 m"):
+    with pytest.raises(InputError, match=r"radius at .* is 0\.50 m"):
         tight.check_duration(10.0)
     replace(tight, craft=DubinsCar(radius=0.5)).check_duration(10.0)

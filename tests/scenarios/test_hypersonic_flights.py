@@ -154,7 +154,7 @@ def test_rejects_a_table_of_another_climb_or_vehicle():
 def test_rejects_a_climb_beyond_the_engine_before_the_run():
     """Requirement: commands that saturate the engine are rejected with the violated limit."""
     climb = FilteredClimb(dh=1000.0, dV=200.0, wh=0.5, wV=0.5)
-    with pytest.raises(InputError, match=r"at \d+\.?\d* s needs fuel ratio 1\.\d+, limits are 0\.02 and 1\.5"):
+    with pytest.raises(InputError, match=r"at \d+\.?\d* s needs fuel ratio 1\.\d+, but the limits are 0\.02 and 1\.5"):
         hypersonic_scenario("mine", climb, 60.0).check()
     with pytest.raises(InputError, match="without pitching moment"):
         hypersonic_scenario("mine", replace(climb, dh=5000.0), 60.0)
