@@ -11,6 +11,8 @@ def test_reads_plain_file_with_any_line_ending(tmp_path):
     (tmp_path / "a.txt").write_bytes("1\r\n2\r3\nµ".encode())
     assert read_user_text(tmp_path / "a.txt") == "1\n2\n3\nµ"
     assert read_user_bytes(tmp_path / "a.txt").startswith(b"1\r\n")
+    (tmp_path / "marked.txt").write_bytes("\ufeff1\n".encode())
+    assert read_user_text(tmp_path / "marked.txt") == "1\n"
     (tmp_path / "link").symlink_to("a.txt")
     with open_user_file(tmp_path / "link") as file:
         assert file.read(1) == b"1"

@@ -103,6 +103,7 @@ WRONG = {
     "rows of other lengths": ("t,x\n\n0,1\n1\n", "line 4 has 1 columns, but there are 2 names"),
     "decimal commas": ("t,x\n0,5,1,5\n", "decimal commas"),
     "semicolons": ("#\nt;x\n0;1\n", "line 2 has semicolons"),
+    "tabs": ("#\nt\tx\n0\t1\n", "line 2 has tabs between its columns"),
     "heading only": ("t,x\n", "has no rows"),
     "comments only": ("# t,x\n", "has no rows"),
     "empty text": ("", "has no rows"),

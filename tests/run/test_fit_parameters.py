@@ -11,6 +11,12 @@ from trimtab.scenarios.build import build
 NAME = "hovercraft/spin"
 
 
+def test_rejects_a_parameter_that_is_given_twice() -> None:
+    for twice in (DELAY, "world.vehicle.mass"):
+        with pytest.raises(InputError, match=f"paths {twice}: is given twice"):
+            find_parameters(build(NAME), [twice, "world.vehicle.inertia", twice])
+
+
 def test_rejects_non_numeric_parameter_paths() -> None:
     with pytest.raises(
         InputError, match=r"paths world.vehicle.mas: is not a numeric parameter[\s\S]*world.vehicle.mass"

@@ -104,7 +104,7 @@ def check_calibration_file(out: Path | None) -> None:
             raise InputError(
                 "--out", f"{str(out)!r} is not a calibration file (.toml)", fix=f"--out {out.stem or 'boat'}.toml"
             )
-        loses_nothing = out.is_file() and format_calibration(read_calibration(out)) == read_user_text(out, "utf-8-sig")
+        loses_nothing = out.is_file() and format_calibration(read_calibration(out)) == read_user_text(out)
         if not loses_nothing:  # the file may contain the user's comments, which would be lost
             check_out("--out", out, "boat.toml")
 

@@ -131,7 +131,7 @@ def _read_lines(file: Path, heading: str, columns: Sequence[MeasuredColumn]) -> 
     if not file.exists():
         return []
     try:
-        lines = [line for line in read_user_text(file, "utf-8-sig").splitlines() if line.strip()]
+        lines = [line for line in read_user_text(file).splitlines() if line.strip()]
     except (OSError, UnicodeDecodeError) as error:
         problem = f"{str(file)!r} cannot be read as text: {error}"
         raise InputError("FILE", problem, fix="name a new file, or a file that this procedure has written") from None

@@ -38,12 +38,14 @@ def read_user_bytes(path: str | os.PathLike[str], largest: int | None = None) ->
         return file.read()
 
 
-def read_user_text(path: str | os.PathLike[str], encoding: str = "utf-8", largest: int = LARGEST_TEXT) -> str:
-    """Return the text of a plain file, with every line end converted to a line feed.
+def read_user_text(path: str | os.PathLike[str], largest: int = LARGEST_TEXT) -> str:
+    """Return the text of a plain file in UTF-8, with every line end converted to a line feed.
+
+    A byte-order mark, which some editors write at the start of a file, is left out.
 
     Raises:
         OSError: if the file cannot be read, is a pipe, a device or a folder, or is larger than `largest`.
-        UnicodeDecodeError: if the file is not text in this encoding.
+        UnicodeDecodeError: if the file is not text in UTF-8.
     """
-    text = read_user_bytes(Path(path), largest).decode(encoding)
+    text = read_user_bytes(Path(path), largest).decode("utf-8-sig")
     return text.replace("\r\n", "\n").replace("\r", "\n")

@@ -124,8 +124,10 @@ def read_table(path: str | os.PathLike[str], *, gaps: bool = False) -> CsvTable:
 def _read_cells(where: str, path: str | os.PathLike[str]) -> tuple[list[str], list[list[str]], list[int]]:
     """Return the names of the columns, the cells of each row, and the line number of each row."""
     try:
-        text = read_user_text(path, "utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_user_text(path)
+    except OSError as error:
+        raise InputError(where, f"cannot be read: {error.strerror or error}", fix="check the path") from None
+    except UnicodeDecodeError as error:
         raise InputError(where, f"cannot be read: {error}", fix="use a CSV file in UTF-8") from None
     numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
     comments = [pair for pair in numbered if pair[1].lstrip().startswith("#")]
@@ -133,6 +135,9 @@ def _read_cells(where: str, path: str | os.PathLike[str]) -> tuple[list[str], li
     if numbered and ";" in numbered[0][1] and "," not in numbered[0][1]:
         fix = "write commas between the columns, and a decimal point in the numbers: 1.5,2.25"
         raise InputError(where, f"line {numbered[0][0]} has semicolons between its columns", fix=fix)
+    if numbered and "\t" in numbered[0][1] and "," not in numbered[0][1]:
+        fix = "write commas between the columns: 1.5,2.25"
+        raise InputError(where, f"line {numbered[0][0]} has tabs between its columns", fix=fix)
     rows, lines = list[list[str]](), list[int]()
     reader, begin = csv.reader((line for _, line in numbered), skipinitialspace=True), 0
     for row in reader:

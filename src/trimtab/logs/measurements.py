@@ -168,7 +168,7 @@ def _read_rows(where: str, path: Path, columns: Sequence[MeasuredColumn]) -> lis
     headings."""
     wanted = f"first line {describe_columns(columns)}, then a line of numbers for each measurement"
     try:
-        text = read_user_text(path, "utf-8-sig")
+        text = read_user_text(path)
     except FileNotFoundError:
         raise InputError(where, "the file does not exist", fix=f"write one: {wanted}") from None
     except (OSError, UnicodeDecodeError) as error:

@@ -117,7 +117,7 @@ def read_calibration(path: str | Path) -> Calibration:
     """
     where = f"calibration '{path}'"
     try:
-        text = read_user_text(path, "utf-8-sig")
+        text = read_user_text(path)
     except FileNotFoundError:
         fix = f"make a calibration file: trimtab calibrate thrust thrust.csv --out {path}"
         raise InputError(where, "the file does not exist", fix=fix) from None

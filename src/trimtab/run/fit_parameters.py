@@ -37,6 +37,8 @@ def find_parameters(scenario: Scenario, paths: Sequence[str]) -> tuple[Scenario,
     """
     parameters = []
     for path in paths:
+        if list(paths).count(path) > 1:
+            raise InputError(argument_name("paths", path), "is given twice", fix="name each parameter once")
         if path == DELAY:
             parameters.append(FitParameter(DELAY, "s", 0.0, -LONGEST_DELAY, LONGEST_DELAY))
             continue

@@ -123,7 +123,9 @@ def read_mapping(path: str | os.PathLike[str]) -> LogMapping:
         content = tomllib.loads(read_user_text(path))
     except OSError as error:
         raise InputError(where, f"cannot be read: {error.strerror or error}", fix="check the path") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise InputError(where, f"cannot be read as text: {error}", fix="save the file as UTF-8 text") from None
+    except tomllib.TOMLDecodeError as error:
         raise InputError(
             where, f"is not TOML: {error}", fix="correct the line that TOML names; an example is in docs/logs"
         ) from None
