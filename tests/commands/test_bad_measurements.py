@@ -209,6 +209,18 @@ def test_procedure_rejects_implausible_options(what, bench, tmp_path):
     assert said in done.output
 
 
+def test_inertia_names_the_options_that_a_log_needs_and_a_table_must_not_have(bench, tmp_path):
+    log, table = tmp_path / "log.csv", tmp_path / "table.csv"
+    log.write_text("\n".join(bench["spin-up"]) + "\n")
+    table.write_text("\n".join(bench["inertia"]) + "\n")
+    done = CliRunner().invoke(main, ["calibrate", "inertia", str(log)])
+    assert done.exit_code == 2, done.output
+    assert "is the log of one spin-up; it needs --force" in done.output
+    done = CliRunner().invoke(main, ["calibrate", "inertia", str(table), "--force", "1 N", "--rudder", "-20 deg"])
+    assert done.exit_code == 2, done.output
+    assert "is only for a log, but file" in done.output
+
+
 def test_friction_reads_headings_below_a_comment_and_in_capitals(tmp_path):
     rows = [f"{0.1 * k},{3 - 0.1 * k}" for k in range(20)]
     done = calibrate(

@@ -166,6 +166,7 @@ def calibrate_inertia(
         raise InputError(
             "calibrate inertia", "--force and --rudder must be given together", fix="--force '1.1 N' --rudder '-20 deg'"
         )
+    _check_kind_of_spin_ups(data, force is not None)
     if force is None:
         rows = read_measurements(data, spin_up.TRIAL_COLUMNS)
         found = spin_up.inertia_of_trials(rows, geometry)
@@ -193,6 +194,17 @@ def calibrate_inertia(
     calibration = Calibration({"Hovercraft.inertia": Entry(J, "kg m^2", error, **about)})
     report = CalibrationReport(rows.file, len(rows), (), (panel,), (note, *assumed))
     finish_calibration("inertia", calibration, report, out, plot, as_json)
+
+
+def _check_kind_of_spin_ups(data: Path, is_log: bool) -> None:
+    """Raise InputError for the log of a spin-up without --force and --rudder, or a table of spin-ups with them."""
+    names = read_names(data, spin_up.SPIN_UP_COLUMNS if is_log else spin_up.TRIAL_COLUMNS)
+    if is_log and "slope" in names and "yaw_rate" not in names:
+        fix = "leave --force and --rudder out; the log of a spin-up has columns time [s] and yaw_rate [deg/s]"
+        raise InputError("--force", f"is only for a log, but file '{data}' is a table of spin-ups", fix=fix)
+    if not is_log and "yaw_rate" in names and "slope" not in names:
+        fix = "--force '1.1 N' --rudder '-20 deg', with the force and the rudder angle of this spin-up"
+        raise InputError("calibrate inertia", f"file '{data}' is the log of one spin-up; it needs --force", fix=fix)
 
 
 @click.command(name="friction")
