@@ -190,7 +190,7 @@ def print_zeros(zeros: Zeros, linear: LinearModel) -> None:
         click.echo(f"no zeros {pair}")
         return
     click.echo(f"zeros {pair}")
-    table = new_table(">zero [1/s]", "", "states, while the output stays at zero")
+    table = new_table(">zero [1/s]", "", "states, with zero output")
     limit = zero_limit(zeros)
     for z, words in zip(zeros.zeros, zeros.dominant, strict=True):
         if z.imag < -limit:

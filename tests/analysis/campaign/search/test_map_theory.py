@@ -87,7 +87,7 @@ def test_packet_loss_criterion_requires_a_scalar_loop(forward):
     a = np.exp(pole * one.y * 0.02)  # packets each 20 ms
     (line,) = one.zero_lines()
     np.testing.assert_allclose(np.interp(one.y, line[:, 1], line[:, 0]), a**-2, atol=2e-3)
-    with pytest.raises(InputError, match="scalar"):
+    with pytest.raises(InputError, match="one state"):
         stability_criteria(found, lambda s: law_loop(4.0))
 
 
