@@ -3,7 +3,7 @@
 Property tests have no deadline, because first calls compile. At the gate they draw the same examples in every run.
 
 What XLA compiles is kept beside pytest's own cache, so that after an edit only what it touched is compiled again. XLA's
-flags of `emitters.py` save more than half of the time to compile. XLA_FLAGS= (empty) leaves XLA as users have it.
+flags of `xla_settings.py` save more than half of the time to compile. XLA_FLAGS= (empty) leaves XLA as users have it.
 """
 
 import contextlib
@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import answers
-import emitters
 import pytest
+import xla_settings
 from host_witness import HostWitness
 from hypothesis import settings
 from memory import Memory
@@ -115,7 +115,8 @@ def pytest_configure(config: pytest.Config) -> None:
         config.option.random_seed = secrets.randbelow(10**8) * 10
     if _names(config, "thorough"):
         settings.load_profile("thorough")
-    os.environ.setdefault("XLA_FLAGS", emitters.choose_flags(_names(config, "thorough") or _names(config, "real_time")))
+    has_long_programs = _names(config, "thorough") or _names(config, "real_time")
+    os.environ.setdefault("XLA_FLAGS", xla_settings.choose_flags(optimise=has_long_programs))
     if hasattr(config, "workerinput") and [Path(arg).resolve() for arg in config.args] == [TESTS]:
         config.args = _rotate_folders(config.workerinput["workerid"], config.workerinput["workercount"])
 

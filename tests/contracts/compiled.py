@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from emitters import choose_emitters
+from xla_settings import choose_emitters
 
 from trimtab.compiler.function import lower_function
 from trimtab.compiler.jaxprs import primitive_name

@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 import pytest
-from emitters import HAS_OLDER, choose_emitters
+from xla_settings import HAS_OLDER, choose_emitters
 
 from contracts.parts import example, made, rollout
 from trimtab.actuators.drive import FanDrive

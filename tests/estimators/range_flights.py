@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from emitters import choose_emitters
 from estimators.flights import TICK, Truth, fly, reading
+from xla_settings import choose_emitters
 
 from trimtab.core.record import part, quantity, record, replace
 from trimtab.core.rng import Key, key, normals

@@ -108,7 +108,7 @@ ACTS = (K >= START) & (K < END)
 TRUE = 100.0 + K
 
 
-def _is_itself(out: Sample, where):
+def assert_unchanged(out: Sample, where):
     """Assert that the samples equal those of the part without a fault."""
     np.testing.assert_array_equal(out.value.distance[where], TRUE[where])
     np.testing.assert_array_equal(out.t[where], K[where] * STEP)
@@ -117,7 +117,7 @@ def _is_itself(out: Sample, where):
     assert (out.age[where] == 0).all()
 
 
-def _is_silent(out, where, last):
+def assert_silent(out, where, last):
     """Assert that no sample is newer than step `last` and that the age grows."""
     np.testing.assert_array_equal(out.t[where], np.broadcast_to(last, N)[where] * STEP)
     np.testing.assert_array_equal(out.value.distance[where], (100.0 + np.broadcast_to(last, N))[where])
@@ -129,12 +129,12 @@ def _is_silent(out, where, last):
 @pytest.mark.parametrize("word", ["none", "off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"])
 def test_part_is_unchanged_before_and_after_the_fault(make, word):
     out = make(word, 0.2 if word in ("delayed", "intermittent") else 3.0)
-    _is_itself(out, ~ACTS if word != "none" else K >= 0)
+    assert_unchanged(out, ~ACTS if word != "none" else K >= 0)
 
 
 @pytest.mark.parametrize("make", [sensor, channel])
 def test_off_delivers_no_new_samples(make):
-    _is_silent(make("off"), ACTS, START - 1)
+    assert_silent(make("off"), ACTS, START - 1)
 
 
 def test_off_from_the_start_is_not_valid():
@@ -171,7 +171,7 @@ def test_garbage_sensor_gives_random_values_and_nan():
 
 
 def test_garbage_on_a_link_is_discarded():
-    _is_silent(channel("garbage"), ACTS, START - 1)
+    assert_silent(channel("garbage"), ACTS, START - 1)
 
 
 @pytest.mark.parametrize("make", [sensor, channel])
@@ -187,16 +187,16 @@ def test_wrong_scales_and_biases_real_numbers(make):
 def test_slow_passes_every_nth_sample(make):
     out = make("slow", 4)
     passed = (K + 1) % 4 == 0
-    _is_itself(out, ACTS & passed)
+    assert_unchanged(out, ACTS & passed)
     last = np.maximum((K + 1) // 4 * 4 - 1, START - 1)
-    _is_silent(out, ACTS & ~passed, last)
+    assert_silent(out, ACTS & ~passed, last)
 
 
 @pytest.mark.parametrize("make", [sensor, channel])
 def test_delayed_gives_old_samples_with_original_timestamps(make):
     out = make("delayed", 0.25)
     first = ACTS & (K < START + 25)
-    _is_silent(out, first, START - 1)
+    assert_silent(out, first, START - 1)
     then = ACTS & ~first
     np.testing.assert_array_equal(out.t[then], (K[then] - 25) * STEP)
     np.testing.assert_array_equal(out.value.distance[then], TRUE[then] - 25)
@@ -210,7 +210,7 @@ def test_intermittent_is_off_in_random_slots(make):
     slots = out.fresh[START:300].reshape(-1, 10)
     assert (slots.all(axis=1) | ~slots.any(axis=1)).all(), "a slot of 100 ms is on or off as a whole"
     assert 0 < (~slots.any(axis=1)).sum() < 20
-    _is_itself(out, out.fresh)
+    assert_unchanged(out, out.fresh)
 
 
 def test_intermittent_link_drops_all_its_messages_together():
@@ -257,8 +257,8 @@ def test_intermittent_actuators_are_neutral_in_random_slots():
 def test_fault_starts_when_the_watched_signal_crosses_its_level():
     out = sensor("off", start=50 * STEP, duration=20 * STEP, watch="p_WB.0", level=250.0)
     acts = (K >= 151) & (K < 171)
-    _is_silent(out, acts, 150)
-    _is_itself(out, ~acts)
+    assert_silent(out, acts, 150)
+    assert_unchanged(out, ~acts)
     below = sensor("off", start=50 * STEP, duration=20 * STEP, watch="p_WB.0", level=250.0, side="below")
     assert not below.fresh[50:70].any()
     assert below.fresh[~((K >= 50) & (K < 70))].all()

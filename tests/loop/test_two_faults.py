@@ -10,8 +10,8 @@ from loop.test_faults import (
     TRUE,
     K,
     Odometer,
-    _is_itself,
-    _is_silent,
+    assert_silent,
+    assert_unchanged,
     commanded,
     fault,
     flown,
@@ -62,7 +62,7 @@ def test_order_of_two_wrong_faults_is_the_order_of_the_list(make):
     for faults, expected in (((double(), add_three()), 2 * TRUE + 3), ((add_three(), double()), 2 * (TRUE + 3))):
         out = make(*faults)
         np.testing.assert_array_equal(out.value.distance[ACTS], expected[ACTS])
-        _is_itself(out, ~ACTS)
+        assert_unchanged(out, ~ACTS)
 
 
 @pytest.mark.parametrize("make", [sensor, channel])
@@ -70,8 +70,8 @@ def test_order_of_two_wrong_faults_is_the_order_of_the_list(make):
 def test_no_sample_passes_if_one_of_two_faults_is_off(make, word):
     """A link that is stuck repeats the last sample, even if no sample arrives at the fault."""
     off, other = fault("off"), fault(word, 0.05)
-    _is_silent(make(other, off), ACTS, BEFORE)
-    _is_silent(make(off, other), ACTS, BEFORE)
+    assert_silent(make(other, off), ACTS, BEFORE)
+    assert_silent(make(off, other), ACTS, BEFORE)
 
 
 @pytest.mark.parametrize("make", [sensor, channel])
@@ -80,7 +80,7 @@ def test_wrong_fault_also_changes_the_last_sample_of_a_part_that_is_off(make):
     assert (out.value.distance[ACTS] == 2 * TRUE[BEFORE]).all()
     assert (out.t[ACTS] == BEFORE * STEP).all()
     assert not out.fresh[ACTS].any()
-    _is_silent(make(double(), fault("off")), ACTS, BEFORE)
+    assert_silent(make(double(), fault("off")), ACTS, BEFORE)
 
 
 def test_stuck_sensor_that_is_wrong_repeats_the_wrong_value():
@@ -97,7 +97,7 @@ def test_delays_of_two_faults_add_up(make):
     late = (K >= START + 15) & ACTS
     np.testing.assert_array_equal(out.t[late], (K[late] - 15) * STEP)
     np.testing.assert_array_equal(out.value.distance[late], TRUE[late] - 15)
-    _is_silent(out, ACTS & ~late, BEFORE)
+    assert_silent(out, ACTS & ~late, BEFORE)
 
 
 @pytest.mark.parametrize("make", [sensor, channel])
@@ -110,9 +110,9 @@ def test_one_slow_fault_thins_the_samples_of_the_other(make):
 def test_faults_at_different_times_do_not_affect_each_other(make):
     first, second = (K >= 100) & (K < 150), (K >= 150) & (K < 200)
     out = make(fault("off", duration=50 * STEP), double(start=150 * STEP, duration=50 * STEP))
-    _is_silent(out, first, BEFORE)
+    assert_silent(out, first, BEFORE)
     np.testing.assert_array_equal(out.value.distance[second], 2 * TRUE[second])
-    _is_itself(out, ~ACTS)
+    assert_unchanged(out, ~ACTS)
 
 
 @pytest.mark.parametrize("make", [sensor, channel])

@@ -19,7 +19,7 @@ from trimtab.core.cache_folder import enable_cache
 def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_json: bool) -> None:
     """Plan a path between obstacles within the craft's limits.
 
-    If there is no such path, the command prints the reason.
+    If no path is found, the command prints the reason.
 
     The file contains the size of the floor, obstacles (circles and polygons), the width of the craft, start and goal. A
     path is searched and smoothed. The plan is the flight of the hovercraft's model along this path, within the limits

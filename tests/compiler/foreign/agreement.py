@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from emitters import choose_emitters
+from xla_settings import choose_emitters
 
 import trimtab
 from compiler.foreign.case import Case

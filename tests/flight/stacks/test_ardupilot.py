@@ -210,7 +210,7 @@ def test_any_of_32_channels_can_drive_the_command(boat):
     assert inputs[reads["command.value.rudder"]] == pytest.approx(0.5 * vehicle.outputs[0].pulse.values[1])
     assert inputs[reads["command.value.shaft_speed"]] == pytest.approx(0.0, abs=1e-9)
     assert vehicle.release_time == 0
-    for channels, words in (((1,), "for the 2 elements"), ((2, 2), "be different"), ((0, 1), "from 1 to 32")):
+    for channels, words in (((1,), "must be 2 numbers"), ((2, 2), "be different"), ((0, 1), "from 1 to 32")):
         with pytest.raises(InputError, match=words):
             PulsedVehicle(scenario, seed=0, channels=channels, release=None)
 

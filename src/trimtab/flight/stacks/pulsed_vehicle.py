@@ -171,7 +171,7 @@ def _check_channels(channels: Sequence[int], outputs: Sequence[PulseOutput], mos
     part, listed = argument_name("channels"), ",".join(map(str, usual))
     fix = f"{argument('channels', listed)}, or the same numbers in another order"
     if len(channels) != len(outputs):
-        problem = f"got {len(channels)} channels for the {len(outputs)} elements of a command: {names}"
+        problem = f"must be {len(outputs)} numbers, one for each element of a command ({names}), got {len(channels)}"
         raise InputError(part, problem, fix=fix)
     if len(set(channels)) < len(channels) or not all(1 <= c <= most for c in channels):
         problem = f"the channels must be different numbers from 1 to {most}, got {','.join(map(str, channels))}"
