@@ -34,6 +34,13 @@ def test_finds_corners_whatever_the_automatic_derivative_is(corner, slope):
     assert found.startswith("speed changes by")
 
 
+@pytest.mark.parametrize("jump", [lambda v: 1e-8 * (v > 0), lambda v: np.nan if v > 0 else 0.0])
+def test_finds_jumps_and_undefined_sides(jump):
+    found = find(lambda v, h: (0.5 * v + jump(v), 0.9 * h), [[0.5, 0.0], [0.0, 0.9]])
+    assert found is not None
+    assert found.startswith("speed changes by")
+
+
 def test_message_states_the_change_on_both_sides():
     found = find(lambda v, h: (abs(v), 0.0), [[0.0, 0.0], [0.0, 0.0]])
     before, after = (float(word) for word in found.split() if word[-1].isdigit())
@@ -47,6 +54,7 @@ def test_message_states_the_change_on_both_sides():
         lambda v, h: (0.5 * v + 3.0 * v * v, 0.9 * h),
         lambda v, h: (0.5 * v + 40.0 * v * abs(v), 0.9 * h + np.sin(v) ** 2),
         lambda v, h: (0.5 * v + 1e-12 * np.sin(1e9 * v), 0.9 * h),
+        lambda v, h: (0.5 * v, 0.9 * h + 4e-11 * 2000 * np.sign(np.sin(1e9 * h))),
     ],
 )
 def test_smooth_and_rounded_loops_have_no_corner(change):

@@ -173,3 +173,25 @@ def test_circle_flight_linearises_with_idle_phase_state():
     assert slowest == pytest.approx(-2.86, rel=0.02)  # of the hover: the circle's tilt of 14 degrees hardly changes it
     with pytest.raises(InputError, match="must be a multiple of the loop's period"):
         linearise_loop(scenario, round_time=5.001)
+
+
+@pytest.mark.parametrize("settle", [-5.0, float("nan"), 1e9])
+def test_refuses_impossible_settle_times(settle):
+    with pytest.raises(InputError, match="settle: must be between 0 and 100000 s"):
+        linearise_loop(scenario(), settle=settle)
+
+
+@pytest.mark.thorough
+def test_slow_climb_linearises_after_its_reference_becomes_constant():
+    climb = build("hypersonic/climb-large")
+    with pytest.raises(InputError, match=r"does not come to rest: after 10 s of flight, .* changes by"):
+        linearise_loop(climb, settle=10.0)
+    margins, cruise = (loop_margins(linearise_loop(s)) for s in (climb, build("hypersonic/impulse")))
+    assert margins.delay == cruise.delay == pytest.approx(0.165)
+    assert margins.gain_up == pytest.approx(cruise.gain_up, rel=0.01)
+
+
+@pytest.mark.thorough
+def test_loop_that_diverges_is_not_at_rest():
+    with pytest.raises(InputError, match=r"does not come to rest: after 100 s of flight, .* is not finite"):
+        linearise_loop(build("hypersonic/printed-gains"))

@@ -63,10 +63,10 @@ ON_AXIS = 1e-7
 @click.option("--direct", is_flag=True, help="With --closed-loop: apply the law's demand directly, without actuators.")
 @click.option(
     "--settle",
-    default=10.0,
-    show_default=True,
+    type=float,
     metavar="SECONDS",
-    help="With --closed-loop: time to fly before linearising, to reach a steady state.",
+    help="With --closed-loop: time to fly before linearising, to reach a steady state. Default: 10, 100 or 1000, the "
+    "first that leads to rest.",
 )
 @click.option(
     "--round",
@@ -89,7 +89,7 @@ def command(
     horizon: float,
     closed_loop: bool,
     direct: bool,
-    settle: float,
+    settle: float | None,
     round_time: float | None,
     picture: Path | None,
     without: tuple[str, ...],
@@ -115,7 +115,7 @@ def command(
     exactly from the loop's poles.
     """
     open_loop = {"--at": at, "--state": states, "--input": inputs, "--output": outputs, "--out": out}
-    own = {"--direct": direct, "--plot": picture, "--without": without, "--round": round_time}
+    own = {"--direct": direct, "--plot": picture, "--without": without, "--round": round_time, "--settle": settle}
     _refuse_options(open_loop if closed_loop else own, closed_loop)
     if out is not None:
         check_out("--out", out)

@@ -26,7 +26,7 @@ def print_loop(
     *,
     direct: bool,
     off: Iterable[str],
-    settle: float,
+    settle: float | None,
     round_time: float | None,
     picture: Path | None,
     as_json: bool,

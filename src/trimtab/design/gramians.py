@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.design.linearise import LinearModel
 from trimtab.design.model import format_combination
 from trimtab.design.zero_dynamics import scale_system
@@ -49,7 +49,7 @@ class Gramians(NamedTuple):
 def find_gramians(linear: LinearModel, horizon: float) -> Gramians:
     """Compute the controllability and observability Gramians over the time `horizon` (s)."""
     if not (np.isfinite(horizon) and horizon > 0):
-        raise InputError("gramians.horizon", f"must be above 0 s, got {horizon} s", fix="horizon=10.0")
+        raise InputError(argument_name("horizon"), f"must be above 0 s, got {horizon:g} s", fix=argument("horizon", 10))
     A, B, C, _, (sizes, _) = scale_system(linear)
     moved, seen = integrate_gramian(A, B, horizon), integrate_gramian(A.T, C.T, horizon)
     return Gramians(moved, seen, _find_weakest(moved, linear.states), _find_weakest(seen, linear.states), sizes)

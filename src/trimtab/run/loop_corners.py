@@ -22,7 +22,12 @@ loop, the ratio is about 0.01."""
 ERROR_MIN = 1e-4
 """Smallest error of the map that counts as a corner, relative to the change of the same state."""
 ROUNDING = 1e-5
-"""Largest error of the map that counts as rounding, relative to the displacement of the same state."""
+"""Largest error of the map that always counts as rounding, relative to the displacement of the same state."""
+JUMP_RATIO = 10.0
+"""Smallest ratio of the map's errors at NEAR and FAR that belongs to a jump or to rounding, whose ratio is about 100.
+The ratio of a corner is about 1."""
+JUMP_MIN = 1e-9
+"""Smallest jump, relative to max(1, |state|). Smaller jumps count as rounding that many time steps have amplified."""
 
 
 def find_loop_corner(
@@ -45,10 +50,11 @@ def find_loop_corner(
         reach = (np.abs(whole) * np.abs(way)).sum(axis=1)
         least = np.maximum(ERROR_MIN * reach, ROUNDING * size)
         sides = [[change(sign * h * way) / h - sign * wanted for h in (FAR, NEAR)] for sign in (1.0, -1.0)]
-        for far, near in sides:
-            bad = keep & (np.abs(near) > least) & (np.abs(near) > SMOOTH_RATIO * np.abs(far))
+        for far, near in np.abs(sides):
+            rounding = (near > JUMP_RATIO * far) & (near * NEAR < JUMP_MIN * size)
+            bad = keep & ~((near <= least) | (near <= SMOOTH_RATIO * far) | rounding)  # NaN is bad
             if bad.any():
-                i = int(np.argmax(np.where(bad, np.abs(near) / np.maximum(reach, 1e-300), 0.0)))
+                i = int(np.argmax(np.where(bad, near / np.maximum(reach, 1e-300), 0.0)))
                 after, before = (sign * wanted[i] + side[1][i] for sign, side in zip((1.0, -1.0), sides, strict=True))
                 return f"{names[i]} changes by {-before:.4g} on one side and by {after:.4g} on the other side of rest"
     return None
