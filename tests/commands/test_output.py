@@ -11,7 +11,8 @@ from click.testing import CliRunner
 
 from trimtab.cli import main
 from trimtab.commands import output
-from trimtab.commands.typed_names import read_paths
+from trimtab.commands.typed_names import check_names, read_paths
+from trimtab.core.errors import InputError
 from trimtab.loop.settings import setting_paths
 from trimtab.scenarios.build import build
 
@@ -109,6 +110,15 @@ print([name for name in ("jax", "numpy", "scipy", "rich") if name in sys.modules
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout == "[]\n", done.stderr
+
+
+def test_suggestions_without_cached_paths_are_not_invented(tmp_path, monkeypatch):
+    monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path))
+    for path in ("vehicle.mas", "navigation.sigma", "law.k9"):  # the subcommand reports these, from all paths
+        check_names(["run", REST, "--set", f"{path}=3"], None)
+    with pytest.raises(InputError) as caught:
+        check_names(["run", REST, "--set", "wolrd.vehicle.mass=3"], None)
+    assert caught.value.choices == ("world.vehicle.mass",)
 
 
 @pytest.mark.thorough

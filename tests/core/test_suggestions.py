@@ -33,6 +33,7 @@ def test_closest_returns_at_most_n_without_duplicates():
     [
         ("world.vehicle.mas", "world.vehicle.mass", 'settings={"world.vehicle.mass": "…"}'),
         ("world.vehicle", "world.vehicle.mass", 'settings={"world.vehicle.mass": "…"}'),
+        ("law.k2", "autopilot.law.k1", 'settings={"autopilot.law.k1": "…"}'),
         ("zzzz", "autopilot", "settings(SCENARIO)"),
     ],
 )

@@ -85,10 +85,14 @@ def _list_studies(as_json: bool) -> None:
         content = {n: {"title": doc, "groups": {g.name: g.title for g in gs}} for n, (doc, gs) in studies.items()}
         print_json({"studies": content})
         return
+    width, indent = console().width, 4 * " "
     for name, (doc, groups) in studies.items():
-        click.echo(f"{name}   {doc}")
+        click.echo(click.wrap_text(f"{name}   {doc}", width, subsequent_indent=indent))
+        column = max(len(group.name) for group in groups) + len("  --only   ")
         for group in groups:
-            click.echo(f"  --only {group.name:22s} {group.title}, {group.place}")
+            begin = f"  --only {group.name}".ljust(column)
+            text = f"{group.title}, {group.place}"
+            click.echo(click.wrap_text(text, width, begin, indent if width < 80 else " " * column))
     click.echo(f"recompute one: trimtab reproduce {next(iter(studies))}" if studies else WHERE)
 
 

@@ -1,9 +1,9 @@
 """Check of the typed names of a scenario and its settings, before the module of the typed subcommand is imported.
 
 The import takes a second or more. With this check, a typo is reported without that delay. The paths of a scenario's
-settings are cached when `trimtab list`, `trimtab run` or shell completion runs, and after a wrong path. Until then only
-the first word of a path is checked. Names that cannot be checked here are checked by the subcommand, which gives the
-same message.
+settings are cached when `trimtab list`, `trimtab run` or shell completion runs, and after a wrong path. Until then,
+only a slip in the first word of a path is found. Names that cannot be checked here are checked by the subcommand, which
+gives the same message.
 """
 
 import re
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from trimtab.core.cache_folder import cache_folder, package_stamp
 from trimtab.core.errors import InputError
-from trimtab.core.suggestions import closest, unknown_setting
+from trimtab.core.suggestions import unknown_setting
 from trimtab.scenarios import catalogue
 
 TAKES_SCENARIO = frozenset(
@@ -62,12 +62,11 @@ def check_names(words: Sequence[str], plain: Sequence[str] | None) -> None:
     if verb not in TAKES_SCENARIO or not is_name or (Path(scenario).exists() and not scenario.endswith(".py")):
         return
     catalogue.check_name(scenario, verb)
-    typed = list(_iter_paths(rest))
+    typed, known = list(_iter_paths(rest)), read_paths(scenario)
     for option, path, _ in typed:
         root = path.partition(".")[0]
-        if "." in path and root not in ROOTS:
-            raise unknown_setting(PATHS[option], path, read_paths(scenario) or _near_roots(path))
-    known = read_paths(scenario)
+        if "." in path and root not in ROOTS and (paths := known or _near_roots(path)):
+            raise unknown_setting(PATHS[option], path, paths)
     if not known or any(word.partition("=")[0] in RESHAPING for word in rest):
         return
     if any(option == "--set" and ("." not in path or value[:1].isupper()) for option, path, value in typed):
@@ -82,9 +81,11 @@ def check_names(words: Sequence[str], plain: Sequence[str] | None) -> None:
 
 
 def _near_roots(path: str) -> list[str]:
-    """Return the path with the first word replaced by the most similar valid word."""
+    """Return the path with the correct first word, or an empty list if the first word is not just misspelt."""
+    import difflib  # imported here: only needed after a mistake
+
     root, _, rest = path.partition(".")
-    return [f"{near}.{rest}" for near in closest(root, ROOTS, 1) or ROOTS[:2]]
+    return [f"{near}.{rest}" for near in difflib.get_close_matches(root, ROOTS, 1, cutoff=0.75)]
 
 
 def _iter_paths(words: Sequence[str]) -> Iterator[tuple[str, str, str]]:

@@ -22,13 +22,22 @@ def unknown_setting(name: str, path: str, known: Iterable[str]) -> InputError:
     """Return the error for a path that is not a setting. name: argument that contains the path. known: valid paths."""
     known = list(known)
     below = [p for p in known if p.startswith(path + ".")]
-    near = below[:8] or closest(path, known, 6) or sorted({p.split(".")[0] for p in known})
+    near = below[:8] or closest(path, known, 6) or _near_ends(path, known) or sorted({p.split(".")[0] for p in known})
     fix = (
         argument(name, "…", near[0])
         if below or (near and near[0] in known)
         else command("trimtab list SCENARIO", "settings(SCENARIO)") + "  shows every path with its value and unit"
     )
     return InputError(argument_name(name, path), "unknown setting", choices=near, fix=fix)
+
+
+def _near_ends(path: str, known: Iterable[str]) -> list[str]:
+    """Return the known paths whose last words are similar to a path without its first words, e.g. law.k9."""
+    import difflib  # imported here: only needed after a mistake
+
+    count = path.count(".") + 1
+    ends = {".".join(p.split(".")[-count:]): p for p in known}
+    return [ends[end] for end in difflib.get_close_matches(path, ends, 6, cutoff=0.75)]
 
 
 def closest(name: str, choices: Iterable[str], n: int = 3) -> list[str]:
