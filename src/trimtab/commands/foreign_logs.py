@@ -20,10 +20,21 @@ FIELDS_SHOWN = 8
 
 
 def read_own_log(file: Path) -> Log:
-    """Read a log of trimtab, and print a warning for each gap in the log."""
+    """Read a log of trimtab, and print a warning if the end of the file is missing, and for each gap in the log."""
     log = read_mcap(file)
+    if log.metadata.get("truncated"):
+        end = f", the last at {log.t[-1]:.3f} s" if len(log) else ""
+        click.echo(show_controls(f"warning: {file.name}: the file is cut; {len(log)} rows were read{end}"), err=True)
     for gap in log.metadata.get("gaps", ()):
         click.echo(show_controls(f"warning: {file.name}: {gap['text']}"), err=True)
+    return log
+
+
+def read_mapped_log(file: Path, mapping: Path) -> Log:
+    """Read a log of another system with a mapping, and print a warning for each sensor whose rows are left out."""
+    log = read_foreign(file, mapping)
+    for name, text in log.metadata.get("left_out", {}).items():
+        click.echo(show_controls(f"warning: {file.name}, {name}: {text}"), err=True)
     return log
 
 
@@ -39,7 +50,7 @@ def read_any_log(file: Path, mapping: Path | None, *, quiet: bool = False) -> Lo
         InputError: a foreign log without a mapping, or an unreadable log.
     """
     if mapping is not None:
-        return read_foreign(file, mapping)
+        return read_mapped_log(file, mapping)
     if is_own_log(file):
         return read_own_log(file)
     kind, topics = detect_format(file).name, list_topics(file)

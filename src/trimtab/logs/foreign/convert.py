@@ -1,6 +1,6 @@
 """Conversion of a table of a foreign log to samples of a sensor: selected, sorted by time, and in SI units."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,11 +24,13 @@ EQUATOR, FLATTENING = 6378137.0, 1 / 298.257223563
 class Conversion(NamedTuple):
     """Converted samples of a sensor.
 
-    counts: numbers of all rows, and of rows that are not finite, out of order, or duplicate.
+    counts: numbers of all rows, and of rows that are not finite, out of order, or duplicate.  left_out: description of
+    the rows that are left out, or "".
     """
 
     series: SampleSeries
     counts: dict[str, int]
+    left_out: str = ""
 
 
 def convert_table(where: str, table: Table, mapping: TopicMap) -> Conversion:
@@ -57,14 +59,20 @@ def convert_table(where: str, table: Table, mapping: TopicMap) -> Conversion:
         placed = _place(where, table, mapping.geodetic, chosen)
         values |= placed
         declared |= {name: Quantity("m", f"{name}, from latitude, longitude and altitude.") for name in placed}
-    counts = {"rows": len(ticks)}
-    ticks, values, counts["not_finite"] = _keep_finite(where, ticks, values)
-    values = {name: array.astype(declared[name].dtype()) for name, array in values.items()}
-    ticks, values, counts["out_of_order"], counts["duplicates"] = _order_rows(where, ticks, values, mapping)
+    sound = _find_finite(where, values)
+    gaps = [name for name, array in values.items() if not np.isfinite(array).all()]
+    values = {name: array[sound].astype(declared[name].dtype()) for name, array in values.items()}
+    ticks, values, disordered, again = _order_rows(where, ticks[sound], values, mapping)
+    counts = {"rows": len(chosen), "not_finite": int((~sound).sum()), "out_of_order": disordered}
+    counts["duplicates"] = len(again)
+    left = [(chosen[~sound], f"{' or '.join(gaps)} is empty or not finite")]
+    left += [(np.sort(chosen[sound][again]), "a row is repeated")]
+    texts = [f"{why} in {table.name_rows(rows)}" for rows, why in left if len(rows)]
+    share = f"{len(chosen) - len(ticks)} of {len(chosen)} rows are left out: {'; '.join(texts)}"
     for name, field in mapping.fields.items():
         if field.unwrap or field.quaternion:
             values[name] = np.unwrap(values[name], axis=0)
-    return Conversion(SampleSeries(ticks, values, declared), counts)
+    return Conversion(SampleSeries(ticks, values, declared), counts, share if texts else "")
 
 
 def _column(where: str, table: Table, name: str, key: str) -> Any:
@@ -173,20 +181,19 @@ def _place(where: str, table: Table, mapping: GeodeticMap, chosen: Any) -> dict[
     return placed
 
 
-def _keep_finite(where: str, ticks: Any, values: dict[str, Any]) -> tuple[Any, dict[str, Any], int]:
-    sound = np.ones(len(ticks), bool)
-    for array in values.values():
-        sound &= np.isfinite(array).reshape(len(ticks), -1).all(axis=1)
+def _find_finite(where: str, values: Mapping[str, Any]) -> Any:
+    """Return a mask of the rows with only finite values. Raise InputError if there is no such row."""
+    sound = np.array([np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in values.values()]).all(axis=0)
     if not sound.any():
         bad = [name for name, array in values.items() if not np.isfinite(array).any()]
         raise InputError(where, f"no row has only finite values: {', '.join(bad or values)}", fix="map other columns")
-    return ticks[sound], {name: array[sound] for name, array in values.items()}, int((~sound).sum())
+    return sound
 
 
 def _order_rows(
     where: str, ticks: Any, values: dict[str, Any], mapping: TopicMap
-) -> tuple[Any, dict[str, Any], int, int]:
-    """Return the rows sorted by time and without duplicates, and the numbers of rows out of order and of duplicates."""
+) -> tuple[Any, dict[str, Any], int, Any]:
+    """Return the rows sorted by time and without duplicates, the number of rows out of order, and the duplicates."""
     late = np.maximum.accumulate(ticks) - ticks
     if late.max() >= DISORDER:
         row = int(np.argmax(late >= DISORDER))
@@ -207,4 +214,4 @@ def _order_rows(
             raise InputError(where, problem, fix=fix)
     keep = np.ones(len(ticks), bool)
     keep[again] = False
-    return ticks[keep], {name: array[keep] for name, array in values.items()}, int((late > 0).sum()), len(again)
+    return ticks[keep], {name: array[keep] for name, array in values.items()}, int((late > 0).sum()), order[again]
