@@ -128,6 +128,16 @@ OWN = {
         lambda x: alter(x, 2, lambda force: min(force, 0.4)),
         "column 'reverse' is 0.4 in each line",
     ),
+    "rudder across the stream": (
+        "thrust",
+        lambda x: alter(x, 0, lambda angle: 90),
+        r"line 2, column 'rudder' \(rudder angle\): 90 deg is outside -60 to 60 deg",
+    ),
+    "radians under degrees": (
+        "thrust",
+        lambda x: alter(x, 0, lambda angle: angle / 57.3),
+        "column 'rudder' has 9 angles, but all are within 1.4°",
+    ),
     "a force against the thrust": (
         "thrust",
         lambda x: alter(x, 2, lambda force: -force / 10),
@@ -197,7 +207,7 @@ OPTION = {
     "a mass of a spin": ("friction", ("--mass", "2.6 kg"), "--mass: is only for a glide"),
     "no arm": ("inertia", ("--arm", "0 m"), "--arm: must be above 0, got 0 m"),
     "no force": ("spin-up", ("--force", "0 N"), "--force: must not be 0, got 0 N"),
-    "a rudder across": ("spin-up", ("--rudder", "-120 deg"), "--rudder: must be between -90 and 90 deg, got -120 deg"),
+    "a rudder across": ("spin-up", ("--rudder", "-120 deg"), "--rudder: must be between -60 and 60 deg, got -120 deg"),
 }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from trimtab.actuators.rudder import RudderGeometry
 from trimtab.actuators.thruster import Thruster
 from trimtab.analysis.identify import spin_up
+from trimtab.analysis.identify.rudder import RUDDER_MAX
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity, declarations
 from trimtab.core.units import UNITS, find_size
@@ -34,8 +35,8 @@ def parse_amount(context: click.Context, parameter: click.Parameter, text: str |
     if not math.isfinite(amount):
         problem = f"{text!r} is not a number with a unit"
         raise InputError(where, problem, choices=UNITS[kept], fix=f"{where} '{example}'")
-    if parameter.name == "rudder" and abs(amount) > math.pi / 2:
-        raise InputError(where, f"must be between -90 and 90 deg, got {text}", fix=f"{where} '{example}'")
+    if parameter.name == "rudder" and abs(amount) > RUDDER_MAX:
+        raise InputError(where, f"must be between -60 and 60 deg, got {text}", fix=f"{where} '{example}'")
     if parameter.name in ("arm", "mass", "division") and amount <= 0:
         raise InputError(where, f"must be above 0, got {text}", fix=f"{where} '{example}'")
     if parameter.name == "force" and amount == 0:

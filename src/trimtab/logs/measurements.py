@@ -253,11 +253,13 @@ def _refuse_values(where: str, column: MeasuredColumn, data: Measurements) -> No
     """Raise InputError for values outside a column's range, e.g. because of a wrong unit or swapped columns."""
     values = data[column.name]
     outside = (values < column.low) | (values > column.high)
-    fits = f"{column.low:.6g} to {column.high:.6g} {column.unit}"
+    unit = column.usual or column.unit
+    size = UNITS[column.unit][unit]
+    fits = f"{column.low / size:.6g} to {column.high / size:.6g} {unit}"
     about = f"column {column.name!r} ({column.meaning})"
     if outside.any():
         k = int(np.argmax(outside))
-        problem = f"line {data.lines[k]}, {about}: {values[k]:.6g} {column.unit} is outside {fits}"
+        problem = f"line {data.lines[k]}, {about}: {values[k] / size:.6g} {unit} is outside {fits}"
         raise InputError(where, problem, fix="correct the unit in the heading, the order of the headings, or the value")
 
 
