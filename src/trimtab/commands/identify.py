@@ -9,13 +9,13 @@ import click
 from trimtab.analysis.identify.flight_data import FlightData, read_flight
 from trimtab.analysis.identify.identification import HORIZON, Identified, identify
 from trimtab.commands.calibrate_files import add_to_file, check_calibration_file
-from trimtab.commands.foreign_logs import read_own_log
+from trimtab.commands.foreign_logs import read_mapped_log, read_own_log
 from trimtab.commands.options import FILE, JSON, MAP, NAVIGATION, OUT, SCENARIO, SET
 from trimtab.commands.output import new_table, print_files, print_json, print_table
 from trimtab.commands.progress import show_spinner
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import records
-from trimtab.logs.foreign.read import detect_format, is_own_log, read_foreign
+from trimtab.logs.foreign.read import detect_format, is_own_log
 from trimtab.loop.calibration import Calibration, Covariance, Entry, flat_entries, read_calibration
 from trimtab.loop.scenario import Scenario
 from trimtab.run.fit_parameters import DELAY
@@ -105,7 +105,7 @@ def _read(file: Path, scenario: Scenario, sensor: str | None, mapping: Path | No
     if not own and mapping is None:
         fix = f"--map MAP.toml, to map the log's columns to signals; list the columns with  trimtab replay {file}"
         raise InputError(f"log '{file}'", "is a log of another system", fix=fix)
-    log = read_own_log(file) if own or mapping is None else read_foreign(file, mapping)
+    log = read_own_log(file) if own or mapping is None else read_mapped_log(file, mapping)
     return read_flight(log, scenario, sensor, file.name)
 
 

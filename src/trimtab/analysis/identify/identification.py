@@ -32,7 +32,6 @@ from trimtab.analysis.identify.maximum_likelihood import (
     name_collinear,
     profile_intervals,
 )
-from trimtab.core.errors import InputError
 from trimtab.core.integrate import rk4
 from trimtab.core.quantity import Quantity, leaves
 from trimtab.core.record import replace, to_arrays, with_leaf
@@ -368,9 +367,6 @@ class _IdentifiedWorld:
             y = flight.y[:, list(self.measured)]
             there = np.isfinite(y).any(1)
             ticks, y = flight.ticks[there], y[there]
-            if len(ticks) < 20:
-                problem = f"{len(ticks)} measurements of the vehicle's state are too few; at least 20 are needed"
-                raise InputError(f"log {flight.name!r}", problem, fix="give a flight of at least several seconds")
             instants, at = fill_gaps(ticks)
             h = np.diff(instants, prepend=instants[0]) / UNITS_PER_SECOND
             begins = np.zeros(len(instants), bool)
