@@ -158,6 +158,19 @@ OWN = {
         lambda x: alter(x, 0, lambda time: 1e3 * time),
         "the readings are 50 s apart",
     ),
+    "equal latencies": (
+        "link",
+        lambda x: alter([line for line in x if line[-1] != ","], 1, lambda latency: 0.03),
+        "latency_s is 0.03 in each line",
+    ),
+    "clocks that drift": (
+        "link",
+        lambda x: [
+            x[0],
+            *(f"{a},{float(a) / 10 + float(b) if b else ''}" for a, b in (line.split(",") for line in x[1:])),
+        ],
+        "the latencies change with sent_s",
+    ),
     "milliseconds": (
         "link",
         lambda x: [x[0], *(f"{a},{1e3 * float(b) if b else ''}" for a, b in (line.split(",") for line in x[1:]))],
@@ -180,6 +193,11 @@ NAMED = {
     "outlier in force": ("thrust", lambda x: put(x, 8, 2, "3"), "left out: line 8, column 'force'"),
     "outlier in slope": ("inertia", lambda x: put(x, 8, 2, "9"), "left out: line 8, column 'slope'"),
     "one rudder angle": ("thrust", lambda x: x[:9], "the data has only rudder angles of -40°"),
+    "two routes": (
+        "link",
+        lambda x: alter([line for line in x if line[-1] != ","], 1, lambda latency: 0.3 if latency > 0.05 else 0.03),
+        "do not follow the fitted distribution",
+    ),
     "delayed packet": ("link", lambda x: put(x, 8, 1, "3.6"), "sent at 0.6 s took 3.6 s"),
 }
 
