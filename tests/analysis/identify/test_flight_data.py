@@ -8,7 +8,14 @@ import pytest
 from analysis.identify.motion_capture import NAME, capture_flight
 from click.testing import CliRunner
 
-from trimtab.analysis.identify.flight_data import actuate, find_grid, lay_on_grid, read_flight
+from trimtab.analysis.identify.flight_data import (
+    FlightData,
+    actuate,
+    find_grid,
+    lay_on_grid,
+    read_flight,
+    refuse_copies,
+)
 from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms, to_seconds
@@ -110,7 +117,7 @@ def read_changed(folder: Path, *changes: tuple[str, str], step: str = "{0}", las
         ('"x", unit = "mm"', '"x", unit = "deg"', r"'north' must be in m, got the unit 'rad'(.|\n)*Choices: m, km, cm"),
         ('"x", unit = "mm"', '"x", unit = "1"', "'north' must be in m, got the unit '1'"),
         ('unit = "us"', 'unit = "deg"', "'rudder_pulse' must be in s, got the unit 'rad'"),
-        ('from = "x"', 'from = ["x", "z"]', "'north' must be one number, got 2 numbers in each row"),
+        ('from = "x"', 'from = ["x", "z"]', "the count of numbers of 'north' in each row must be 1, got 2"),
         ("north ", "nrth ", r"'nrth' is not a field of the vehicle's state(.|\n)*Fix: write north"),
         (
             '"stamp", unit = "ms"',
@@ -134,6 +141,22 @@ def test_rejects_log_in_which_nothing_moves(tmp_path: Path) -> None:
     heading = 'heading = { from = "yaw", unit = "deg", sign = -1, offset = 90 }'
     with pytest.raises(InputError, match="north, east, heading never change in this log"):
         read_changed(tmp_path, (heading, still), last="3")
+
+
+def test_rejects_vehicle_whose_state_has_vectors() -> None:
+    with pytest.raises(InputError, match="position, velocity, attitude, rate, rotor_speed are vectors"):
+        read_flight(Log(np.zeros(1), np.zeros(1, np.int64), {"truth.x": np.zeros(1)}, {}), build("quadrotor/track"))
+
+
+def test_rejects_the_same_flight_twice() -> None:
+    ticks, y = np.arange(30), np.random.default_rng(0).standard_normal((30, 6))
+    one, other = (FlightData(name, None, ticks, ticks, y + k) for k, name in enumerate(("a", "b")))
+    cut = one._replace(name="cut", ticks=ticks[:20], y=y[:20])
+    refuse_copies([one, other], [])
+    with pytest.raises(InputError, match=r"log 'cut': the log has the same measurements as log 'a'\.\nFix"):
+        refuse_copies([one, cut], [other])
+    with pytest.raises(InputError, match=r"log 'cut': .* as log 'a', so it does not test the fit"):
+        refuse_copies([one, other], [cut])
 
 
 def test_rejects_empty_log() -> None:

@@ -1,6 +1,7 @@
 """Data for identification, read from a log: commands, the vehicle's input computed from the commands, measurements."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -62,6 +63,11 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
     where = f"log {name!r}"
     if not len(log):
         raise InputError(where, "contains no rows", fix="give a complete log")
+    vectors = [path for path, value, _ in leaves(scenario.initial) if np.shape(value)]
+    if vectors:
+        problem = f"{', '.join(vectors)} are vectors, but each field of the vehicle's state must be one number"
+        fix = "give a vehicle whose state has one field for each number, e.g. north, east and heading"
+        raise InputError(f"identify, scenario {scenario.name!r}", problem, fix=fix)
     known = ("uplink.value", "command.value", "downlink.command.value")
     base = next((b for b in known if any(p.startswith(f"{b}.") for p in log.paths)), None)
     example = _example_command(scenario)
@@ -74,7 +80,8 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
     flag = f"{base.removesuffix('.value')}.valid"
     valid = log[flag].astype(bool) if flag in log else np.ones(len(log.ticks), bool)
     units = {f: getattr(d, "unit", "1") for f, d in declarations(type(example)).items()}
-    commands = replace(example, **{f: _read_values(where, log, f"{base}.{f}", units[f]) for f in fields})
+    shapes = {f: np.shape(getattr(example, f)) for f in fields}
+    commands = replace(example, **{f: _read_values(where, log, f"{base}.{f}", units[f], shapes[f]) for f in fields})
     states = {path: getattr(d, "unit", "1") for path, _, d in leaves(scenario.initial)}
     block = _measuring_block(log, list(states), sensor, where)
     ticks, y = _read_measured(where, log, block, states)
@@ -89,13 +96,15 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
     return FlightData(name, commands, np.asarray(log.ticks, np.int64), ticks, y, valid)
 
 
-def _read_values(where: str, log: Log, path: str, unit: str) -> Any:
-    """Return the values of a signal (n,), converted to a unit. Raise InputError for a vector or another quantity."""
+def _read_values(where: str, log: Log, path: str, unit: str, shape: tuple[int, ...] = ()) -> Any:
+    """Return the values of a signal (n, …), converted to a unit. Raise InputError for another shape or quantity."""
     values, written = np.asarray(log[path], np.float64), log.unit(path)
     signal = path.rpartition(".value.")[2]
-    if values.ndim != 1:
-        fix = f'in the mapping, name one column: {signal} = {{ from = "…", unit = "{unit}" }}'
-        raise InputError(where, f"{signal!r} must be one number, got {values.shape[1]} numbers in each row", fix=fix)
+    if values.shape[1:] != shape:
+        counts = [int(np.prod(s)) for s in (shape, values.shape[1:])]
+        fix = f'in the mapping, name {counts[0]} of the columns: {signal} = {{ from = …, unit = "{unit}" }}'
+        problem = f"the count of numbers of {signal!r} in each row must be {counts[0]}, got {counts[1]}"
+        raise InputError(where, problem, fix=fix)
     size = 1.0 if written in ("", unit) else find_size(written, unit)
     if size is None:
         problem = f"{signal!r} must be in {unit}, got the unit {written!r}"
@@ -175,6 +184,17 @@ def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: 
                 f" (measurement {at[k] + 1}); there are {int(wild.sum())} such outliers" if wild.sum() > 1 else ""
             )
             raise InputError(where, problem, fix="leave that log row out, because an outlier distorts the fit")
+
+
+def refuse_copies(flights: Sequence[FlightData], held_out: Sequence[FlightData]) -> None:
+    """Raise InputError if two logs, or the part of a log that another one has too, contain the same measurements."""
+    for (i, one), (k, other) in itertools.combinations(enumerate([*flights, *held_out]), 2):
+        n = min(len(one.ticks), len(other.ticks))
+        if np.array_equal(one.ticks[:n], other.ticks[:n]) and np.array_equal(one.y[:n], other.y[:n], equal_nan=True):
+            problem = f"the log has the same measurements as log {one.name!r}"
+            if i < len(flights) <= k:
+                problem += ", so it does not test the fit"
+            raise InputError(f"log {other.name!r}", problem, fix="give each flight once")
 
 
 def _example_command(scenario: Scenario) -> Any:

@@ -22,6 +22,7 @@ from trimtab.analysis.identify.flight_data import (
     find_grid,
     lay_on_grid,
     mean_input,
+    refuse_copies,
 )
 from trimtab.analysis.identify.maximum_likelihood import (
     LikelihoodEstimate,
@@ -114,6 +115,7 @@ def identify(
 
     Raises: InputError for parameters that can't be fitted.
     """
+    refuse_copies(flights, held_out)
     (found,) = _identify_groups(scenario, [flights], paths, held_out, tell)
     return found
 
