@@ -28,10 +28,11 @@ def test_rejects_non_numeric_parameter_paths() -> None:
     ("path", "said"),
     [
         ("world.vehicle.mass[0]", "is one number, so its path must not have an index"),
+        ("world.actuators.table.values[0,0]", "this table is computed from the parameters of the thruster"),
         ("world.actuators.rudder.angles[99]", "has shape (21,), so the index of one of its elements is needed"),
     ],
 )
-def test_rejects_an_index_that_does_not_exist(path: str, said: str) -> None:
+def test_rejects_wrong_indices_and_computed_tables(path: str, said: str) -> None:
     with pytest.raises(InputError) as refused:
         find_parameters(build(NAME), [path])
     assert said in str(refused.value)

@@ -87,6 +87,9 @@ def command(
         problem = f"the fitted model does not explain {', '.join(found.unexplained)}, so nothing is written"
         fix = "run without --out; check units, signs and axes of the mapping, and that the log is of this vehicle"
         raise InputError("--out", problem, fix=fix)
+    if found.disagreeing and out is not None:
+        problem = f"the logs {' and '.join(found.disagreeing)} disagree with the others, so nothing is written"
+        raise InputError("--out", problem, fix="identify each log alone; all logs must be of one vehicle")
     changes = _changes(calibration, settings.get("calibration"))
     _, files = add_to_file(out, calibration)
     if as_json:
@@ -164,6 +167,7 @@ def _as_json(scenario: str, found: Identified, changes: dict[str, float]) -> dic
         "process_noise": dict(found.process),
         "unexplained": {field: {"rms": a, "change": b} for field, (a, b) in found.unexplained.items()},
         "correlated": dict(found.correlated),
+        "disagreeing_logs": dict(found.disagreeing),
         "held_out_rms": {field: {"nominal": a, "fitted": b} for field, (a, b) in found.held_out.items()},
         "changed_since_calibration": changes,
         "log_likelihood": {"nominal": found.nominal_log_likelihood, "fitted": found.estimate.log_likelihood},
@@ -171,12 +175,15 @@ def _as_json(scenario: str, found: Identified, changes: dict[str, float]) -> dic
 
 
 def _print_unexplained(found: Identified) -> None:
-    """Print the measured fields that the fitted model does not explain, and likely reasons."""
+    """Print the measured fields and the flights that the fitted model does not explain, and likely reasons."""
     for field, (rms, change) in found.unexplained.items():
         text = f"not explained: {field}: error {rms:.3g} over {HORIZON:g} s, while the field changes by {change:.3g};"
         click.echo(
             f"{text} check unit, sign and axis of this field and of the commands, and that the log is of this vehicle"
         )
+    for name, chance in found.disagreeing.items():
+        text = f"not consistent: {name} disagrees with the other logs on the parameters (p-value {chance:.1e});"
+        click.echo(f"{text} the intervals are not valid. Identify each log alone; all logs must be of one vehicle")
     if found.correlated:
         fields = ", ".join(f"{field} (correlation {value:.2f})" for field, value in found.correlated.items())
         click.echo(f"not white: errors of {fields} are correlated in time, as in a navigation system")

@@ -67,6 +67,12 @@ def find_parameters(scenario: Scenario, paths: Sequence[str]) -> tuple[Scenario,
         raise InputError(
             "identify", "at least one parameter is needed", fix=argument("paths", ["world.vehicle.mass", "delay"])
         )
+    table = getattr(scenario.world.actuators, "table", None)
+    is_computed = getattr(table, "origin", "") == "formula" or any(".actuators.thruster." in p for p in paths)
+    for path in [p for p in paths if is_computed and p.startswith("world.actuators.table.")]:
+        problem = "cannot be fitted, because this table is computed from the parameters of the thruster"
+        fix = argument("paths", ["world.actuators.thruster.coefficient"])
+        raise InputError(argument_name("paths", path), problem, fix=fix)
     return scenario, tuple(parameters)
 
 
