@@ -153,6 +153,18 @@ OWN = {
         lambda x: put(x, 1, 2, "speed [m/s]"),
         "both a column 'yaw_rate' and a column 'speed'",
     ),
+    "microseconds under seconds": (
+        "spin-up",
+        lambda x: alter(x, 0, lambda time: 1e-3 * time),
+        "column 'time': the readings are 2e-05 s apart, must be 0.0001 to 2 s",
+    ),
+    "a sweep in milliseconds": ("gyro", lambda x: alter(x, 0, lambda time: 1e3 * time), "are 6.5536 s apart"),
+    "a gyro of the other sign": (
+        "gyro",
+        lambda x: alter(x, 2, lambda rate: -rate),
+        "the static gain of the gyro must be 0.5 to 2, got -1",
+    ),
+    "milliradians under radians": ("inertia", lambda x: alter(x, 2, lambda slope: 1e-3 * slope), "column 'slope'"),
     "milliseconds under seconds": (
         "friction",
         lambda x: alter(x, 0, lambda time: 1e3 * time),

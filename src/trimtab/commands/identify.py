@@ -79,7 +79,11 @@ def command(
     """
     check_calibration_file(out)
     built = build(scenario, settings)
-    flights, others = ([_read(file, built, sensor, mapping) for file in files] for files in (logs, held))
+    names = [file.name for file in (*logs, *held)]
+    flights, others = (
+        [_read(f, f.name if names.count(f.name) == 1 else str(f), built, sensor, mapping) for f in files]
+        for files in (logs, held)
+    )
     with show_spinner(f"fitting {len(paths)} parameters to {len(flights)} flights"):
         found = identify(built, flights, paths, held_out=others)
     calibration = _as_calibration(built, found, [f.name for f in flights])
@@ -101,7 +105,8 @@ def command(
         raise click.exceptions.Exit(1)
 
 
-def _read(file: Path, scenario: Scenario, sensor: str | None, mapping: Path | None) -> FlightData:
+def _read(file: Path, name: str, scenario: Scenario, sensor: str | None, mapping: Path | None) -> FlightData:
+    """Read a log. name: name of the log in messages."""
     if mapping is not None:
         detect_format(file)  # raises InputError for an unknown format
     own = is_own_log(file)
@@ -109,7 +114,7 @@ def _read(file: Path, scenario: Scenario, sensor: str | None, mapping: Path | No
         fix = f"--map MAP.toml, to map the log's columns to signals; list the columns with  trimtab replay {file}"
         raise InputError(f"log '{file}'", "is a log of another system", fix=fix)
     log = read_own_log(file) if own or mapping is None else read_mapped_log(file, mapping)
-    return read_flight(log, scenario, sensor, file.name)
+    return read_flight(log, scenario, sensor, name)
 
 
 def _as_calibration(scenario: Scenario, found: Identified, logs: list[str]) -> Calibration:
@@ -211,6 +216,10 @@ def _print_found(scenario: str, found: Identified, changes: dict[str, float]) ->
             click.echo(f"not separable: {', '.join(group)}; fit only one of them, and measure the others on a bench")
         else:
             click.echo(f"no effect in this data: {', '.join(group)}; fly a manoeuvre that excites it, or do not fit it")
+    for path in sorted(unidentifiable.difference(*found.groups)):
+        click.echo(
+            f"not determined: {path}; give its start a value near the true one with --set, or fly other manoeuvres"
+        )
     if found.held_out:
         table = new_table(
             "field", ">nominal", ">fitted", title=f"rms prediction error over {HORIZON:g} s, validation logs"

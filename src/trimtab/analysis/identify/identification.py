@@ -92,9 +92,10 @@ class Identified(NamedTuple):
     correlated: Mapping[str, float] = {}
     disagreeing: Mapping[str, float] = {}
 
-    def unidentifiable(self) -> frozenset[str]:
-        """Return the paths of the parameters that the data cannot determine."""
-        return frozenset(name for group in self.groups for name in group)
+    def unidentifiable(self) -> set[str]:
+        """Return the paths of the parameters that the data cannot determine, alone or at all."""
+        unbounded = {p.path for p, i in zip(self.parameters, self.intervals, strict=True) if not np.isfinite(i).any()}
+        return unbounded.union(*self.groups)
 
 
 def identify(

@@ -19,7 +19,7 @@ from trimtab.loop.calibration import Calibration, Entry, student_reach
 TRIAL_COLUMNS = (
     MeasuredColumn("rudder", "rad", "constant rudder angle", -RUDDER_MAX, RUDDER_MAX, most=2 * DEG, usual="deg"),
     MeasuredColumn("force", "N", "constant thrust", -100, 100, most=0.02),
-    MeasuredColumn("slope", "rad/s^2", "initial slope of the yaw rate", -1000, 1000),
+    MeasuredColumn("slope", "rad/s^2", "initial slope of the yaw rate", -1000, 1000, most=0.01),
 )
 SPIN_UP_COLUMNS = (
     MeasuredColumn("time", "s", "time; the log must start before the craft is released"),
