@@ -97,9 +97,14 @@ WRONG_CSV = {
     "no rows": ("t,x\n", r"has no rows"),
     "no time": ("when,x\n0,1\n", r"does not name the column of times(.|\n)*Choices: when, x(.|\n)*time = \{field"),
     "all gaps": ("t,x\n0,\n1,\n", r"no row has only finite values: x"),
-    "duplicate time": ("t,x\n0,1\n1,2\n1,3\n", r"have the time of another(.|\n)*1\.0000000 s: 2\.0, then 3\.0"),
-    "clock restarts": ("t,x\n7,1\n8,2\n0,3\n", r"jump back by 8 s at row 3"),
-    "nan time": ("t,x\n0,1\n,3\n", r"row 2 of 't' is nan"),
+    "duplicate time": (
+        "t,x\n0,1\n1,2\n1,3\n",
+        r"another(.|\n)*1\.0000000 s \(lines 3 and 4\): 2\.0, then 3\.0",
+    ),
+    "clock restarts": ("t,x\n7,1\n8,2\n0,3\n", r"jump back by 8 s at line 4"),
+    "nan time": ("t,x\n0,1\n,3\n", r"line 3, column 't': the time is nan"),
+    "huge time": ("t [s],x\n0,1\n1e300,3\n", r"line 3, column 't': the time is 1e\+300 s"),
+    "huge whole time": ("t [s],x\n0,1\n9000000000000000000,3\n", r"line 3, column 't': the time is 9e\+18 s"),
 }
 
 
