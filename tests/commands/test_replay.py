@@ -153,3 +153,12 @@ def test_cut_log_and_rows_left_out_are_reported(foreign, tmp_path, capsys):
     read_any_log(tmp_path / "a.csv", tmp_path / "map.toml")
     said = "warning: a.csv, scale: 1 of 3 rows are left out: weight is empty or not finite in line 3\n"
     assert capsys.readouterr().err == said
+
+
+def test_mapping_with_the_unit_of_another_quantity_is_rejected(tmp_path):
+    (tmp_path / "a.csv").write_text("t,x\n0,1\n1,2\n")
+    fields = '[sensor.imu.fields]\nspecific_force = {from = ["x", "x", "x"], unit = "deg"}\n'
+    (tmp_path / "map.toml").write_text(fields)
+    done = call(tmp_path / "a.csv", "--map", tmp_path / "map.toml", "--scenario", "navigation/platform-square-wave")
+    assert done.exit_code == 2, done.output
+    assert "'specific_force' of sensor 'imu' must be in m/s^2, got the unit 'rad'" in done.output
