@@ -226,13 +226,13 @@ def _fly_both(name: str, a: Path, b: Path, seed: int) -> dict[str, dict[str, lis
     """Fly a scenario with calibration a and with b. Return signal -> metric -> values in the two flights."""
     from trimtab.run.simulate import simulate
 
-    scenarios = [_calibrated(name, file) for file in (a, b)]
+    scenarios = [_build_calibrated(name, file) for file in (a, b)]
     with show_spinner(f"flying {name} with both calibrations"):
         metrics = [summarise_run(simulate(s, seed=seed), s.targets)["metrics"] for s in scenarios]
     return {signal: {metric: [m[signal][metric] for m in metrics] for metric in METRICS} for signal in metrics[0]}
 
 
-def _calibrated(name: str, file: Path) -> Scenario:
+def _build_calibrated(name: str, file: Path) -> Scenario:
     """Return a scenario with the calibration in a file. An error message names the file."""
     from trimtab.scenarios.build import build
 
