@@ -158,7 +158,7 @@ def test_heading_of_wrong_sign_is_unexplained_and_not_written(tmp_path: Any) -> 
 @pytest.mark.thorough
 def test_flights_of_two_vehicles_disagree(tmp_path: Any) -> None:
     for name, inertia, seed in (("a", "0.12", 1), ("b", "0.2", 2)):
-        write_mcap(capture_flight({"world.vehicle.inertia": inertia}, seed, 4.0), tmp_path / f"{name}.mcap")
+        write_mcap(capture_flight({"world.vehicle.inertia": inertia}, seed, 6.0), tmp_path / f"{name}.mcap")
     words = ["identify", NAME, str(tmp_path / "a.mcap"), str(tmp_path / "b.mcap"), "--fit", "world.vehicle.inertia"]
     done = CliRunner().invoke(main, [*words, "--out", str(tmp_path / "boat.toml")])
     assert done.exit_code == 2, done.output

@@ -56,7 +56,7 @@ EXPLAINED = 0.5
 """Largest rms prediction error of a field, as a fraction of the field's rms change, if the model explains the field."""
 CORRELATED = 0.5
 """Correlation of successive innovations above which the sensor's errors count as correlated in time."""
-AGREEING = 1e-6
+AGREEING = 1e-4
 """Significance level. At a smaller p-value, a flight disagrees with the other flights."""
 
 
