@@ -128,6 +128,16 @@ OWN = {
         lambda x: alter(x, 2, lambda force: min(force, 0.4)),
         "column 'reverse' is 0.4 in each line",
     ),
+    "rudder across the stream": (
+        "thrust",
+        lambda x: alter(x, 0, lambda angle: 90),
+        r"line 2, column 'rudder' \(rudder angle\): 90 deg is outside -60 to 60 deg",
+    ),
+    "radians under degrees": (
+        "thrust",
+        lambda x: alter(x, 0, lambda angle: angle / 57.3),
+        "column 'rudder' has 9 angles, but all are within 1.4°",
+    ),
     "a force against the thrust": (
         "thrust",
         lambda x: alter(x, 2, lambda force: -force / 10),
@@ -143,10 +153,35 @@ OWN = {
         lambda x: put(x, 1, 2, "speed [m/s]"),
         "both a column 'yaw_rate' and a column 'speed'",
     ),
+    "microseconds under seconds": (
+        "spin-up",
+        lambda x: alter(x, 0, lambda time: 1e-3 * time),
+        "column 'time': the readings are 2e-05 s apart, must be 0.0001 to 2 s",
+    ),
+    "a sweep in milliseconds": ("gyro", lambda x: alter(x, 0, lambda time: 1e3 * time), "are 6.5536 s apart"),
+    "a gyro of the other sign": (
+        "gyro",
+        lambda x: alter(x, 2, lambda rate: -rate),
+        "the static gain of the gyro must be 0.5 to 2, got -1",
+    ),
+    "milliradians under radians": ("inertia", lambda x: alter(x, 2, lambda slope: 1e-3 * slope), "column 'slope'"),
     "milliseconds under seconds": (
         "friction",
         lambda x: alter(x, 0, lambda time: 1e3 * time),
         "the readings are 50 s apart",
+    ),
+    "equal latencies": (
+        "link",
+        lambda x: alter([line for line in x if line[-1] != ","], 1, lambda latency: 0.03),
+        "latency_s is 0.03 in each line",
+    ),
+    "clocks that drift": (
+        "link",
+        lambda x: [
+            x[0],
+            *(f"{a},{float(a) / 10 + float(b) if b else ''}" for a, b in (line.split(",") for line in x[1:])),
+        ],
+        "the latencies change with sent_s",
     ),
     "milliseconds": (
         "link",
@@ -170,6 +205,11 @@ NAMED = {
     "outlier in force": ("thrust", lambda x: put(x, 8, 2, "3"), "left out: line 8, column 'force'"),
     "outlier in slope": ("inertia", lambda x: put(x, 8, 2, "9"), "left out: line 8, column 'slope'"),
     "one rudder angle": ("thrust", lambda x: x[:9], "the data has only rudder angles of -40°"),
+    "two routes": (
+        "link",
+        lambda x: alter([line for line in x if line[-1] != ","], 1, lambda latency: 0.3 if latency > 0.05 else 0.03),
+        "do not follow the fitted distribution",
+    ),
     "delayed packet": ("link", lambda x: put(x, 8, 1, "3.6"), "sent at 0.6 s took 3.6 s"),
 }
 
@@ -197,7 +237,7 @@ OPTION = {
     "a mass of a spin": ("friction", ("--mass", "2.6 kg"), "--mass: is only for a glide"),
     "no arm": ("inertia", ("--arm", "0 m"), "--arm: must be above 0, got 0 m"),
     "no force": ("spin-up", ("--force", "0 N"), "--force: must not be 0, got 0 N"),
-    "a rudder across": ("spin-up", ("--rudder", "-120 deg"), "--rudder: must be between -90 and 90 deg, got -120 deg"),
+    "a rudder across": ("spin-up", ("--rudder", "-120 deg"), "--rudder: must be between -60 and 60 deg, got -120 deg"),
 }
 
 

@@ -191,7 +191,7 @@ REFUSED = {
     "a flag": (("LOG", "--signal", "sensors.imu.fresh"), "contains no changing numbers"),
     "all too short": (("LOG", "--shortest", "50 s"), "--shortest"),
     "not a time": (("LOG", "--tick", "soon"), "not a time"),
-    "a step of zero": (("LOG", "--tick", "0"), "--tick: must be above 0, got '0'"),
+    "a step of zero": (("LOG", "--tick", "0"), "--tick: must be above 0 and at most 2 s, got '0'"),
     "a step backwards": (("LOG", "--tick", "-5ms"), "--tick '5 ms'"),
     "averages below zero": (("LOG", "--shortest", "-1"), "--shortest: must be at least 0, got '-1'"),
     "no file, command that writes one": (("nowhere.mcap",), "trimtab run SCENARIO --out DIR"),
@@ -222,6 +222,25 @@ def test_invalid_arguments_are_rejected(folder, name):
 def test_still_scenario_has_no_motion():
     log = simulate(replace(scenario(), duration=ms(500)), signals=("truth", "actuators"))
     assert all(not log[p].any() for p in log.paths)
+
+
+@pytest.mark.parametrize(
+    ("head", "step", "said"),
+    [
+        ("t [s],accel_z [deg/s]", 0.01, "is in rad/s, the unit of the gyro, but has the name of the accelerometer"),
+        ("t [s],gyro_z [g]", 0.01, "is in m/s^2, the unit of the accelerometer, but has the name of the gyro"),
+        ("t [s],gyro_z [deg/s]", 10, "has a sample every 10 s; an inertial unit has one at least every 2 s"),
+        ("t [s],gyro_z [deg/s]", -0.01, "the times must rise, but after line 2"),
+        ("t [s],gyro_z [deg/s],gyro_x [deg/s]", 0.01, "csv.gyro_z and csv.gyro_x have the same samples"),
+    ],
+)
+def test_csv_of_noise_with_wrong_units_times_or_copies_is_rejected(head, step, said, tmp_path):
+    g = np.random.default_rng(1).standard_normal(1100) * 1e-3
+    rows = [",".join([f"{step * i:.6g}", *[f"{v:.9f}"] * head.count("_")]) for i, v in enumerate(g)]
+    (tmp_path / "still.csv").write_text("\n".join([head, *rows]) + "\n")
+    done = call("calibrate", "noise", tmp_path / "still.csv")
+    assert done.exit_code == 2, done.output
+    assert said in done.output
 
 
 def test_csv_gaps_and_text_columns_are_reported(tmp_path):

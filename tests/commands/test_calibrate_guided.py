@@ -52,6 +52,7 @@ def test_file_of_another_format_is_not_overwritten(tmp_path: Path) -> None:
 
 
 HEADING = "speed [rpm],forward [N],reverse [N],trial"
+WHOLE = [f"{n},{n / 1e4},{n / 4e4},{trial}" for trial in (1, 2) for n in range(6000, 12001, 1000)]
 
 
 @pytest.mark.parametrize(
@@ -60,6 +61,9 @@ HEADING = "speed [rpm],forward [N],reverse [N],trial"
         (b"\xf6\n", "cannot be read as text"),
         (HEADING.encode("utf-16"), "cannot be read as text"),
         (f"{HEADING}\n# windy\n6000,0.4,0.1,1\n".encode(), "the comment '# windy', which would be lost"),
+        (f"{HEADING}\n6000,0.4,0.1,1\n9000,0.9,0.2,1\n".encode(), "must have speed 7000, as planned, got 9000"),
+        (f"{HEADING}\n6000,0.4,0.1,2\n".encode(), "measurement 1 (6000,0.4,0.1,2)"),
+        ("\n".join([HEADING, *WHOLE, "13000,1.4,0.5,3"]).encode(), "must have at most 14 measurements, got 15"),
     ],
 )
 def test_refuses_to_continue_a_file_it_cannot_rewrite(content: bytes, said: str, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
+from trimtab.commands.foreign_logs import read_any_log, read_own_log
 from trimtab.commands.replay import replace_parts
 from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.time import ms
@@ -140,3 +141,24 @@ def test_estimator_replay_requires_module_and_factory(foreign, words, fix):
     done = call(foreign, *words)
     assert done.exit_code == 2
     assert fix in done.output
+
+
+def test_cut_log_and_rows_left_out_are_reported(foreign, tmp_path, capsys):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(foreign.read_bytes()[:-9])
+    assert len(read_own_log(cut)) == 50
+    assert capsys.readouterr().err == "warning: cut.mcap: the file is cut; 50 rows were read, the last at 0.490 s\n"
+    (tmp_path / "a.csv").write_text("t,w\n0,1\n1,\n2,3\n")
+    (tmp_path / "map.toml").write_text('[sensor.scale.fields]\nweight = {from = "w", unit = "kg"}\n')
+    read_any_log(tmp_path / "a.csv", tmp_path / "map.toml")
+    said = "warning: a.csv, scale: 1 of 3 rows are left out: weight is empty or not finite in line 3\n"
+    assert capsys.readouterr().err == said
+
+
+def test_mapping_with_the_unit_of_another_quantity_is_rejected(tmp_path):
+    (tmp_path / "a.csv").write_text("t,x\n0,1\n1,2\n")
+    fields = '[sensor.imu.fields]\nspecific_force = {from = ["x", "x", "x"], unit = "deg"}\n'
+    (tmp_path / "map.toml").write_text(fields)
+    done = call(tmp_path / "a.csv", "--map", tmp_path / "map.toml", "--scenario", "navigation/platform-square-wave")
+    assert done.exit_code == 2, done.output
+    assert "'specific_force' of sensor 'imu' must be in m/s^2, got the unit 'rad'" in done.output

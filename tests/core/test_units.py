@@ -62,7 +62,13 @@ def test_every_kept_unit_has_scale_one():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"), [("furlong", "unknown unit(.|\n)*Choices: 1, %"), ("1e- m", "does not begin with a number")]
+    ("text", "said"),
+    [
+        ("furlong", "unknown unit(.|\n)*Choices: 1, %"),
+        ("1e- m", "does not begin with a number"),
+        ("0 m", "the factor must be finite and not 0, got '0 m'"),
+        ("1e400 m", "must be finite"),
+    ],
 )
 def test_rejects_unknown_unit(text, said):
     with pytest.raises(InputError, match=said):

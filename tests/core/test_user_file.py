@@ -18,6 +18,20 @@ def test_reads_plain_file_with_any_line_ending(tmp_path):
         assert file.read(1) == b"1"
 
 
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"a\r\nb \xb0\r\n", r"line 2 is not in UTF-8; read as Latin-1, it is 'b °'"),
+        (b"\xb0", "line 1 is not in UTF-8"),
+        ("a".encode("utf-16"), "the text is in UTF-16"),
+    ],
+)
+def test_text_in_another_encoding_is_named_by_line(content, said, tmp_path):
+    (tmp_path / "a.txt").write_bytes(content)
+    with pytest.raises(UnicodeDecodeError, match=said):
+        read_user_text(tmp_path / "a.txt")
+
+
 def test_rejects_pipe_without_waiting(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match="not a plain file"):

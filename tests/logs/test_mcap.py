@@ -316,7 +316,7 @@ def test_rejects_reading_missing_or_other_files(tmp_path):
     with pytest.raises(InputError, match="not an MCAP file"):
         read_mcap(tmp_path / "text.mcap")
     (tmp_path / "empty.mcap").write_bytes(b"")
-    with pytest.raises(InputError, match="not an MCAP file"):
+    with pytest.raises(InputError, match="is empty"):
         read_mcap(tmp_path / "empty.mcap")
     with open(tmp_path / "other.mcap", "wb") as stream:
         writer = Writer(stream)

@@ -18,7 +18,7 @@ BAD = {
     "no unit": ("rudder,speed [rpm],force [N]\n0,6000,1\n", "has no unit"),
     "unknown unit": ("rudder [deg],speed [knots],force [N]\n0,6000,1\n", "not a unit of this quantity"),
     "wrong unit": ("rudder [deg],speed [rpm],force [N]\n0,6000,40\n0,8000,720\n", "line 3"),
-    "degrees as radians": ("rudder [rad],speed [rpm],force [N]\n20,6000,1\n", "outside -1.5708 to 1.5708"),
+    "degrees as radians": ("rudder [rad],speed [rpm],force [N]\n20,6000,1\n", "1145.92 deg is outside -60 to 60 deg"),
     "swapped axes": ("rudder [deg],force [N],speed [rpm]\n0,6000,0.4\n0,8000,0.7\n", "column 'force'"),
     "krpm as rpm": ("rudder [deg],speed [rpm],force [N]\n0,6,0.4\n0,8,0.7\n", "no value is above"),
     "decimal commas": ("rudder [deg];speed [rpm];force [N]\n0;6000;0,4\n", "semicolons"),

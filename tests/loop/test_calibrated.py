@@ -67,6 +67,8 @@ def test_thrust_by_rudder_angle_builds_both_thrust_tables() -> None:
     [
         ("Gyroscope.b0", Entry(1.0, "1"), "none of the 1 entries"),
         ("Hovercraft.mass", Entry(2600.0, "g"), "has the unit 'g'"),
+        ("Hovercraft.masss", Entry(2.6, "kg"), "Choices: mass, inertia, arm.\nFix: write Hovercraft.mass"),
+        ("Thruster.coefficient", Entry(0.0, "N/krpm^2"), "must be above 0 N/krpm^2, got 0"),
         ("Thruster.reverse_ratio", Entry([1.0, 2.0], "1"), "has shape (2,)"),
     ],
 )
@@ -74,6 +76,39 @@ def test_rejects_calibration_entries_that_do_not_fit(name: str, entry: Entry, wo
     with pytest.raises(InputError) as refused:
         with_calibration(build(NAME), Calibration({name: entry}))
     assert words in str(refused.value)
+
+
+def test_rejects_two_entries_for_one_setting() -> None:
+    entries = {"Hovercraft.mass": Entry(2.6, "kg"), "world.vehicle.mass": Entry(2.7, "kg")}
+    with pytest.raises(InputError, match=r"Hovercraft.mass and world.vehicle.mass both set world.vehicle.mass"):
+        with_calibration(build(NAME), Calibration(entries))
+
+
+@pytest.mark.parametrize(
+    ("entries", "options", "said"),
+    [
+        ({"Hovercraft.mass": Entry(2.6, "kg", 0.2)}, (), "the values are identical; the standard errors differ"),
+        ({"Hovercraft.inertia": Entry(0.1, "kg m^2", 0.2)}, (), "a.toml and b.toml have no parameter in common"),
+        ({"Gyro.x": Entry(0.1, "1")}, ("--scenario", NAME), "b.toml': none of the 1 entries is a setting of"),
+    ],
+)
+def test_comparison_reports_what_the_files_lack(
+    tmp_path: Path, entries: dict[str, Entry], options: tuple[str, ...], said: str
+) -> None:
+    files = [tmp_path / "a.toml", tmp_path / "b.toml"]
+    for file, one in zip(files, ({"Hovercraft.mass": Entry(2.6, "kg", 0.1)}, entries), strict=True):
+        file.write_text(format_calibration(Calibration(one)), encoding="utf-8")
+    done = CliRunner().invoke(main, ["calibrate", "compare", *map(str, files), *options])
+    assert said in done.output
+
+
+def test_campaign_rejects_two_calibrations(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.toml").write_text(format_calibration(BOAT), encoding="utf-8")
+    words = [w for name in ("a", "b") for w in ("--spread", str(tmp_path / f"{name}.toml"))]
+    done = CliRunner().invoke(main, ["campaign", NAME, *words])
+    assert done.exit_code == 2, done.output
+    assert "a campaign must use one calibration, got" in done.output
 
 
 @pytest.mark.thorough

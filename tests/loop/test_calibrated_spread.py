@@ -8,7 +8,7 @@ from trimtab.actuators.thruster import Thruster
 from trimtab.analysis.campaign.sampling.distributions import parse_distribution
 from trimtab.analysis.campaign.sampling.spread import parse_factors, resolve_spread, spread_arrays, spread_values
 from trimtab.core.errors import InputError
-from trimtab.core.record import replace
+from trimtab.core.record import replace, with_leaf
 from trimtab.links.latency import gamma_table, mean_latency, normal_scores
 from trimtab.loop.calibrated import with_calibration
 from trimtab.loop.calibrated_spread import calibrated_spread, follow_tables
@@ -136,8 +136,36 @@ def test_reports_calibration_entries_that_are_not_drawn():
     boat = Calibration(entries)
     measured = with_calibration(build(NAME, {"links": "measured"}), boat).scenario
     assert "Calibrate the link again" in calibrated_spread(measured, boat).notes[-1]
-    changed = build(NAME, {"links": "measured"})
+    changed = build(NAME, {"links": "measured", "world.vehicle.inertia": "0.11"})
     assert "it differs from the table for" in calibrated_spread(changed, link_and_inertia()).notes[-1]
+
+
+def test_reverse_thrust_without_covariance_is_not_drawn():
+    calibration = Calibration(reverse_calibration()[0].entries | {"Hovercraft.inertia": Entry(0.11, "kg m^2", 0.002)})
+    found = calibrated_spread(with_calibration(build(NAME), calibration).scenario, calibration)
+    assert set(found.drawn) == {"world.vehicle.inertia"}
+    assert "has no [[covariance]] of its coefficients. Calibrate it again" in found.notes[-1]
+
+
+@pytest.mark.parametrize(
+    ("name", "entry", "said"),
+    [
+        ("Hovercraft.mass", Entry(2.6, "kg", 2.6), r"the 95 % interval, -2.49591 to 7.69591 kg, must be above 0 kg"),
+        ("RudderGeometry.offset", Entry(0.0, "rad", 9.0), "must be less than a turn"),
+    ],
+)
+def test_rejects_an_implausibly_large_standard_error(name, entry, said):
+    boat = Calibration({name: entry})
+    with pytest.raises(InputError, match=said):
+        calibrated_spread(with_calibration(build(NAME), boat).scenario, boat)
+
+
+def test_setting_that_differs_from_the_calibration_is_not_drawn():
+    boat = Calibration({"Hovercraft.mass": Entry(2.6, "kg", 0.1), "Hovercraft.inertia": Entry(0.11, "kg m^2", 0.002)})
+    scenario = with_leaf(with_calibration(build(NAME), boat).scenario, "world.vehicle.mass", lambda old, _: 5.0)
+    found = calibrated_spread(scenario, boat)
+    assert set(found.drawn) == {"world.vehicle.inertia"}
+    assert found.notes == ("world.vehicle.mass is not varied: its value is 5, not the calibrated 2.6",)
 
 
 def test_rejects_a_calibration_without_uncertainty():

@@ -67,6 +67,10 @@ def test_comparison_gives_the_difference_in_standard_errors() -> None:
     assert changes["Thruster.reverse_ratio[2]"] == (0.4, None, None)
 
 
+OTHER = '["A.c"]\nvalue = 2.0\nunit = "m"\n'
+JOINT = '[[covariance]]\nof = ["A.b", "A.c"]\nmatrix = [[1.0, 0.5], [0.5, 1.0]]\n'
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -88,6 +92,10 @@ def test_comparison_gives_the_difference_in_standard_errors() -> None:
         ('version = 1\n[[covariance]]\nof = ["A.b"]\nmatrix = [[1.0]]', "has no number"),
         (f'{NUMBER}[[covariance]]\nof = ["A.b[7]"]\nmatrix = [[1.0]]', "has no number of this name"),
         (f'{NUMBER}[[covariance]]\nof = ["A.b", "A.b"]\nmatrix = [[1, 1], [1, 1]]', "names 'A.b' twice"),
+        (f"{NUMBER}[[covariance]]\nof = []\nmatrix = []", "lacks `of`"),
+        (f'{NUMBER}{OTHER}[[covariance]]\nof = ["A.c"]\nmatrix = [[1.0]]', "names 'A.c', which has no standard_error"),
+        (f"{NUMBER}{OTHER}standard_error = 1.0\n{JOINT}{JOINT}", "two [[covariance]] tables name A.b and A.c"),
+        (f"{NUMBER}{OTHER}standard_error = 1e200\n", "standard_error must have the shape of value, with finite"),
         (f'{NUMBER}[[covariance]]\nof = ["A.b"]\nmatrix = [[4.0]]', "standard error of A.b is 1, but"),
     ],
 )

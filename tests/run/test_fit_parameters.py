@@ -24,6 +24,20 @@ def test_rejects_non_numeric_parameter_paths() -> None:
         find_parameters(build(NAME), ["world.vehicle.mas"])
 
 
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("world.vehicle.mass[0]", "is one number, so its path must not have an index"),
+        ("world.actuators.table.values[0,0]", "this table is computed from the parameters of the thruster"),
+        ("world.actuators.rudder.angles[99]", "has shape (21,), so the index of one of its elements is needed"),
+    ],
+)
+def test_rejects_wrong_indices_and_computed_tables(path: str, said: str) -> None:
+    with pytest.raises(InputError) as refused:
+        find_parameters(build(NAME), [path])
+    assert said in str(refused.value)
+
+
 def test_parameters_have_bounds_and_search_scales() -> None:
     _, (mass, delay) = find_parameters(build(NAME), ["world.vehicle.mass", DELAY])
     assert mass == FitParameter("world.vehicle.mass", "kg", 2.6, 1e-6, math.inf)

@@ -13,7 +13,7 @@ from trimtab.commands.calibrate_inputs import describe_assumed, find_error, find
 from trimtab.commands.options import FILE, JSON, OUT, PLOT
 from trimtab.core.errors import InputError
 from trimtab.core.rotation import DEG
-from trimtab.logs.measurements import Measurements, read_measurements, read_names, refuse_spikes
+from trimtab.logs.measurements import Measurements, read_measurements, read_names, refuse_spikes, refuse_wrong_step
 from trimtab.loop.calibration import Calibration, Entry, student_reach
 from trimtab.plots.calibration import FitCurve, FitPanel
 from trimtab.vehicles.hovercraft import Friction
@@ -181,6 +181,7 @@ def calibrate_inertia(
         return
     assert rudder is not None
     rows = read_measurements(data, spin_up.SPIN_UP_COLUMNS, series=True)
+    refuse_wrong_step(rows.file, rows["time"])
     refuse_spikes(rows, "yaw_rate")
     part = inertia.find_linear_portion(rows["time"], rows["yaw_rate"])
     J, error, freedom = spin_up.inertia_of_spin_up(part, force, rudder, geometry)

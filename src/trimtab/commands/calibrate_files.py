@@ -32,6 +32,7 @@ from trimtab.loop.calibration import (
     read_calibration,
     student_reach,
 )
+from trimtab.loop.scenario import Scenario
 from trimtab.plots.calibration import FitPanel, plot_fits
 
 SHOWN = 12
@@ -166,8 +167,11 @@ def compare(a: Path, b: Path, scenario: str | None, seed: int, as_json: bool) ->
         return
     units = {n: e.unit for c in (one, two) for n, e in c.entries.items()}
     if not changes:
-        click.echo("the parameters are identical")
+        same = one.content_hash() == two.content_hash()
+        click.echo("the parameters are identical" if same else "the values are identical; the standard errors differ")
     else:
+        if not flat_entries(one).keys() & flat_entries(two).keys():
+            click.echo(f"{a.name} and {b.name} have no parameter in common")
         table = new_table(
             "parameter", f">{a.name}", f">{b.name}", ">difference (sigma)", "unit", unwrapped=("parameter",)
         )
@@ -221,12 +225,22 @@ def _same(x: float | None, y: float | None) -> bool:
 def _fly_both(name: str, a: Path, b: Path, seed: int) -> dict[str, dict[str, list[float | None]]]:
     """Fly a scenario with calibration a and with b. Return signal -> metric -> values in the two flights."""
     from trimtab.run.simulate import simulate
-    from trimtab.scenarios.build import build
 
-    scenarios = [build(name, {"calibration": str(file)}) for file in (a, b)]
+    scenarios = [_build_calibrated(name, file) for file in (a, b)]
     with show_spinner(f"flying {name} with both calibrations"):
         metrics = [summarise_run(simulate(s, seed=seed), s.targets)["metrics"] for s in scenarios]
     return {signal: {metric: [m[signal][metric] for m in metrics] for metric in METRICS} for signal in metrics[0]}
+
+
+def _build_calibrated(name: str, file: Path) -> Scenario:
+    """Return a scenario with the calibration in a file. An error message names the file."""
+    from trimtab.scenarios.build import build
+
+    try:
+        return build(name, {"calibration": str(file)})
+    except InputError as error:
+        part = error.part.replace("--calibration", f"calibration '{file}'")
+        raise InputError(part, error.problem, choices=error.choices, fix=error.fix) from None
 
 
 def _digits(reach: float) -> int:

@@ -105,6 +105,7 @@ def measure(procedure: str, file: Path) -> None:
     check_folder("FILE", file.parent)
     heading = ",".join([*(c.heading() for c in guide.columns), TRIAL_COLUMN])
     lines = _read_lines(file, heading, guide.columns)
+    _check_plan(file, guide, lines)
     if not lines:
         for step in guide.before:
             click.echo(f"- {step}")
@@ -145,6 +146,20 @@ def _read_lines(file: Path, heading: str, columns: Sequence[MeasuredColumn]) -> 
     if len(lines) > 1:
         read_measurements(file, [c._replace(most=0.0) for c in columns])
     return lines[1:]
+
+
+def _check_plan(file: Path, guide: GuidedProcedure, lines: Sequence[str]) -> None:
+    """Raise InputError if the settings of the saved measurements are not those of the plan, in this order."""
+    names = [*(c.name for c in guide.columns[: guide.given]), TRIAL_COLUMN]
+    for number, (line, setting) in enumerate(zip(lines, guide.plan, strict=False), 1):
+        cells = line.split(",")
+        for name, cell, planned in zip(names, [*cells[: guide.given], cells[-1]], setting, strict=True):
+            if cell.strip().removesuffix(".0") != f"{planned:g}":
+                problem = f"measurement {number} ({line}) of {str(file)!r} must have {name} {planned:g}, as planned,"
+                raise InputError("FILE", f"{problem} got {cell.strip()}", fix="restore this line, or name a new file")
+    if len(lines) > len(guide.plan):
+        problem = f"{str(file)!r} must have at most {len(guide.plan)} measurements, got {len(lines)}"
+        raise InputError("FILE", problem, fix="remove the last lines, or name a new file")
 
 
 def _ask_row(guide: GuidedProcedure, setting: tuple[float, ...], number: int, lines: Sequence[str]) -> str:

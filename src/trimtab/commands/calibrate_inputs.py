@@ -9,6 +9,7 @@ import numpy as np
 from trimtab.actuators.rudder import RudderGeometry
 from trimtab.actuators.thruster import Thruster
 from trimtab.analysis.identify import spin_up
+from trimtab.analysis.identify.rudder import RUDDER_MAX
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity, declarations
 from trimtab.core.units import UNITS, find_size
@@ -34,8 +35,8 @@ def parse_amount(context: click.Context, parameter: click.Parameter, text: str |
     if not math.isfinite(amount):
         problem = f"{text!r} is not a number with a unit"
         raise InputError(where, problem, choices=UNITS[kept], fix=f"{where} '{example}'")
-    if parameter.name == "rudder" and abs(amount) > math.pi / 2:
-        raise InputError(where, f"must be between -90 and 90 deg, got {text}", fix=f"{where} '{example}'")
+    if parameter.name == "rudder" and abs(amount) > RUDDER_MAX:
+        raise InputError(where, f"must be between -60 and 60 deg, got {text}", fix=f"{where} '{example}'")
     if parameter.name in ("arm", "mass", "division") and amount <= 0:
         raise InputError(where, f"must be above 0, got {text}", fix=f"{where} '{example}'")
     if parameter.name == "force" and amount == 0:
@@ -71,7 +72,7 @@ def find_number(out: Path | None, name: str) -> float:
         raise InputError(f"calibration '{out}', {name}", problem, fix=fix)
     value = float(entry.value)
     if declared.above is not None and value <= declared.above:
-        problem = f"must be above {declared.above:g} {declared.unit}, got {value:.6g}"
+        problem = f"must be above {declared.above:g} {declared.unit}".removesuffix(" 1") + f", got {value:.6g}"
         raise InputError(f"calibration '{out}', {name}", problem, fix="correct the value, or calibrate again")
     return value
 
@@ -96,6 +97,6 @@ def find_geometry(out: Path | None, arm: float | None) -> spin_up.ForceGeometry:
     """Return the direction of the thrust at each rudder angle, with the covariance of the rudder's ratio and offset."""
     names = ("RudderGeometry.ratio", "RudderGeometry.offset")
     known = read_calibration(out) if out is not None and out.exists() else Calibration({})
-    covariance = joint_covariance(known, names) if names[0] in known.entries else np.zeros((2, 2))
+    covariance = joint_covariance(known, names) if set(names) <= known.entries.keys() else np.zeros((2, 2))
     arm = find_number(out, "Hovercraft.arm") if arm is None else arm
     return spin_up.ForceGeometry(arm, find_number(out, names[0]), find_number(out, names[1]), covariance)

@@ -19,8 +19,12 @@ from trimtab.plots.calibration import FitCurve, FitPanel
 
 PACKETS_MIN = 50
 """Minimum number of received packets for a latency table."""
-LONGEST = 5.0
-"""Maximum plausible median latency (s)."""
+SHORTEST, LONGEST = 1e-6, 5.0
+"""Minimum and maximum plausible median latency (s)."""
+TREND = 0.8
+"""Largest accepted correlation of the latencies with the times of sending."""
+APART = 0.2
+"""Difference between the measured and the fitted share of packets, at one latency, above which a note is printed."""
 FAR = 10.0
 """Multiple of the 99 % quantile above which a latency is reported as an outlier."""
 
@@ -48,6 +52,12 @@ def calibrate_link(data: Path, way: str, out: Path | None, plot: Path | None, as
     fitted = np.interp(ndtri(share), normal_scores(), table)
     curve = FitCurve(100 * share, 1e3 * received, 1e3 * fitted, np.ones(n, bool), 100 * share, 1e3 * fitted)
     panel = FitPanel(f"{way}link", "share of packets (%)", "latency (ms)", [curve], f"{100 * model.loss:.2g} % lost")
+    apart = float(np.max(np.abs(np.interp(received, fitted, share) - share)))
+    if apart > APART:
+        text = (
+            f"the latencies do not follow the fitted distribution: the shares of packets differ by {100 * apart:.0f} %"
+        )
+        notes = (*notes, f"{text}. See the picture of --plot; measure again with one load and one route")
     notes = (*notes, "to use this table in a scenario, add --set links=measured if the scenario has this choice")
     report = CalibrationReport(data.name, len(trace.lost), (), (panel,), notes)
     finish_calibration("link", calibration, report, out, plot, as_json)
@@ -59,9 +69,10 @@ def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
     if len(received) < PACKETS_MIN:
         problem = f"{len(received)} packets arrived, too few for a distribution"
         raise InputError(where, problem, fix=f"record at least {PACKETS_MIN} packets, preferably 300")
-    if np.median(received) > LONGEST:
-        problem = f"half of the packets took more than {np.median(received):.3g} s"
+    if not SHORTEST <= np.median(received) <= LONGEST:
+        problem = f"the median latency must be {SHORTEST:g} to {LONGEST:g} s, got {np.median(received):.3g} s"
         raise InputError(where, problem, fix="check the unit: sent_s and latency_s are both in seconds")
+    _refuse_unchanged(where, trace)
     same = (np.diff(trace.sent_s) == 0) & (np.diff(trace.latency_s) == 0) & (np.diff(trace.lost.astype(int)) == 0)
     if same.any():
         problem = f"the packet sent at {trace.sent_s[int(np.argmax(same))]:.9g} s appears twice"
@@ -78,6 +89,21 @@ def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
     )
     text += f" Such packets ({len(wild)}) raise the deviation to {np.std(received):.2g} s, from {np.std(calm):.2g} s."
     return (f"{text} Remove the lines of these packets from the file if the delays are not real",)
+
+
+def _refuse_unchanged(where: str, trace: Trace) -> None:
+    """Raise InputError if times or latencies are all equal, or if the latencies rise or fall all the time."""
+    sent, latency = trace.sent_s[~trace.lost], trace.latency_s[~trace.lost]
+    for name, values in (("sent_s", sent), ("latency_s", latency)):
+        if np.ptp(values) == 0:
+            problem = f"{name} is {values[0]:.6g} in each line"
+            raise InputError(where, problem, fix="write measured times, with a resolution of at least 1 ms")
+    if abs(np.corrcoef(sent, latency)[0, 1]) > TREND:
+        few = len(latency) // 10
+        problem = f"the latencies change with sent_s, from {np.median(latency[:few]):.3g} s in the first packets to"
+        problem += f" {np.median(latency[-few:]):.3g} s in the last"
+        fix = "write latencies, not times of arrival; use one clock; and reduce the load if the link is overloaded"
+        raise InputError(where, problem, fix=fix)
 
 
 def _calibrate_link(file: str, way: str, trace: Trace, model: DelayModel) -> Calibration:

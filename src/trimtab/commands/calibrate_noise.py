@@ -1,7 +1,8 @@
 """`trimtab calibrate noise`: noise coefficients of a sensor, and a filter's Q and R, from a log at rest."""
 
+import itertools
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ from trimtab.analysis.identify.allan import (
     fit_allan,
     octave_averages,
     refuse_motion,
+    refuse_stuck,
 )
 from trimtab.analysis.identify.inertial_noise import AXES, TRIADS, noise_calibration
 from trimtab.commands.calibrate_files import add_to_file, check_calibration_file, entries_json, print_entries
@@ -28,12 +30,14 @@ from trimtab.core.suggestions import closest
 from trimtab.core.time import parse_time, to_seconds
 from trimtab.core.units import find_unit
 from trimtab.logs.log import Log
-from trimtab.logs.samples import BLOCK, Samples, read_csv, sample_path, samples
+from trimtab.logs.samples import BLOCK, PERIOD_MAX, Samples, read_csv, sample_path, samples
 from trimtab.loop.calibration import Calibration
 from trimtab.plots.allan import plot_allan
 
 AT_REST = 1e-6
 """True speed (m/s) or angular rate (rad/s) in a simulated log above which the vehicle counts as moving."""
+WORDS = {"gyro": "gyr|rate|omega", "accelerometer": "acc|force"}
+"""Parts of the name of a signal from which its triad is known, as regular expressions."""
 SAMPLES_MIN = 1024
 """Minimum number of samples from which the Allan deviation of an axis is computed."""
 
@@ -99,11 +103,15 @@ def calibrate_noise(
     still = read_csv(log, time) if log.suffix.lower() == ".csv" else read_own_log(log)
     _refuse_moving(still)
     measured = {path: _read_samples(still, path) for path in _chosen_signals(still, signals)}
-    axes = {n: _fit_axis(n, still.unit(p), y, dt, least, step) for n, p, y, dt in _iterate_axes(measured)}
+    measured_axes = list(_iterate_axes(measured))
+    _refuse_copies(measured_axes)
+    axes = {n: _fit_axis(n, still.unit(p), y, dt, least, step) for n, p, y, dt in measured_axes}
     calibration, notes = _calibrate_units(log.name, axes, step)
     notes += tuple(f"signal {path} has {one.left_out}" for path, one in measured.items() if one.left_out)
     if not signals:
         notes += tuple(f"left out: {problem}" for problem in _left_out(still).values())
+        constant = [p for p in still.paths if p.startswith(f"{BLOCK}.") and p not in measured]
+        notes += (f"left out, because the values never change: {', '.join(constant)}",) if constant else ()
     if out is not None and not calibration.entries:
         problem = f"none of {', '.join(axes)} is an axis of an inertial unit, so there is nothing to write"
         fix = "write unit and axis in the column headings, e.g. gyro_z [rad/s] and accel_x [m/s^2]; or leave --out out"
@@ -157,20 +165,33 @@ def _find_place(path: str, unit: str) -> tuple[str, int] | None:
     match = re.search(r"\[([012])\]$|([xyzXYZ])$", path)
     if triad is None or match is None:
         return None
+    other = next((n for n, words in WORDS.items() if n != triad and re.search(words, path, re.IGNORECASE)), None)
+    if other is not None and not re.search(WORDS[triad], path, re.IGNORECASE):
+        problem = f"is in {unit}, the unit of the {triad}, but has the name of the {other}"
+        fix = f"correct the unit in the heading, e.g. [{TRIADS[other].unit}], or the name"
+        raise InputError(f"signal {path!r}", problem, fix=fix)
     return triad, int(match[1]) if match[1] else AXES.index(match[2].lower())
 
 
 def _parse_times(shortest: str | None, tick: str | None) -> tuple[float, float | None]:
     """Parse the shortest averaging time and the filter's time step. Return both in s; raise InputError if invalid."""
-    least = 0 if shortest is None else parse_time(shortest)
-    step = None if tick is None else parse_time(tick)
+    least = 0 if shortest is None else _parse_option("--shortest", shortest)
+    step = None if tick is None else _parse_option("--tick", tick)
     if least < 0:
         problem = f"must be at least 0, got {shortest!r}"
         raise InputError("--shortest", problem, fix="--shortest '20 ms', or leave it out to use all averages")
-    if step is not None and step <= 0:
-        problem = f"must be above 0, got {tick!r}"
+    if step is not None and not 0 < to_seconds(step) <= PERIOD_MAX:
+        problem = f"must be above 0 and at most {PERIOD_MAX:g} s, got {tick!r}"
         raise InputError("--tick", problem, fix="--tick '5 ms', or leave it out for the sensor's period")
     return float(to_seconds(least)), None if step is None else float(to_seconds(step))
+
+
+def _parse_option(name: str, text: str) -> int:
+    """Parse the time in an option. Raise InputError with the option's name if the text is not a time."""
+    try:
+        return parse_time(text)
+    except InputError as error:
+        raise InputError(name, error.problem, choices=error.choices, fix=f"{name} '20 ms'") from None
 
 
 def _refuse_moving(log: Log) -> None:
@@ -199,6 +220,14 @@ def _read_samples(log: Log, path: str) -> Samples:
         fix = f"log at least {SAMPLES_MIN} samples (minutes for random walk): trimtab run navigation/still --out still"
         raise InputError(f"signal {path!r}", problem, fix=fix)
     return measured
+
+
+def _refuse_copies(axes: Sequence[tuple[str, str, Any, float]]) -> None:
+    """Raise InputError if two axes, as `_iterate_axes` yields them, have the same samples."""
+    for (one, _, first, _), (other, _, second, _) in itertools.combinations(axes, 2):
+        if np.array_equal(first, second):
+            problem = f"{one} and {other} have the same samples"
+            raise InputError("calibrate noise", problem, fix=f"correct the file, or choose one: --signal {one}")
 
 
 def _iterate_axes(measured: Mapping[str, Samples]) -> Iterator[tuple[str, str, Any, float]]:
@@ -256,10 +285,14 @@ def _fit_axis(name: str, unit: str, y: Any, dt: float, shortest: float, tick: fl
         problem = f"{shortest:g} s leaves only {len(averages)} averaging times in a log of {len(y) * dt:.3g} s"
         raise InputError("--shortest", problem, fix="use a shorter averaging time, or a longer log")
     unit, scale = _si_unit(unit)
+    refuse_stuck(name, y, dt)
+    place = _find_place(name, unit)
+    if place is not None and dt > PERIOD_MAX:
+        problem = f"has a sample every {dt:.6g} s; an inertial unit has one at least every {PERIOD_MAX:g} s"
+        raise InputError(f"signal {name!r}", problem, fix="correct the unit of the times, e.g. t [ms]")
     y = y * scale
     fit = fit_allan(y, dt, averages)
     refuse_motion(name, y, fit)
-    place = _find_place(name, unit)
     return SensorAxis("U" if unit == "1" else unit, fit, filter_noise(fit, tick), len(y), len(y) * dt, place)
 
 

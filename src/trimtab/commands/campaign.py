@@ -192,7 +192,10 @@ def _expand_calibrations(scenario: str, plan: dict[str, Any]) -> list[str]:
     """Replace calibration files in `plan` by distributions of their parameters; return notes on constant parameters."""
     notes: list[str] = []
     for file in [text for text in plan["spread"] if is_calibration(text)]:
-        calibration = read_calibration(file)
+        calibration, other = read_calibration(file), plan["settings"].get("calibration", file)
+        if other != file:
+            problem = f"a campaign must use one calibration, got {other} and {file}"
+            raise InputError("--spread", problem, fix="calibrate into one file: trimtab calibrate … --out FILE.toml")
         built = build(scenario, {"calibration": file, **plan["settings"]})
         drawn, correlate, said = calibrated_spread(built, calibration)
         notes += said

@@ -5,14 +5,19 @@ from pathlib import Path
 from typing import Any
 
 import click
+import jax
 
 from trimtab.commands.output import new_table, print_table
 from trimtab.core.control_characters import show_controls
 from trimtab.core.errors import InputError
+from trimtab.core.quantity import Quantity, leaves
+from trimtab.core.signals import no_motion
+from trimtab.core.units import UNITS
 from trimtab.logs.foreign import detect_format, is_own_log, list_topics, read_foreign
 from trimtab.logs.foreign.tables import TopicSummary
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap
+from trimtab.logs.samples import RECEIVED
 from trimtab.scenarios.build import build
 
 FIELDS_SHOWN = 8
@@ -20,10 +25,21 @@ FIELDS_SHOWN = 8
 
 
 def read_own_log(file: Path) -> Log:
-    """Read a log of trimtab, and print a warning for each gap in the log."""
+    """Read a log of trimtab, and print a warning if the end of the file is missing, and for each gap in the log."""
     log = read_mcap(file)
+    if log.metadata.get("truncated"):
+        end = f", the last at {log.t[-1]:.3f} s" if len(log) else ""
+        click.echo(show_controls(f"warning: {file.name}: the file is cut; {len(log)} rows were read{end}"), err=True)
     for gap in log.metadata.get("gaps", ()):
         click.echo(show_controls(f"warning: {file.name}: {gap['text']}"), err=True)
+    return log
+
+
+def read_mapped_log(file: Path, mapping: Path) -> Log:
+    """Read a log of another system with a mapping, and print a warning for each sensor whose rows are left out."""
+    log = read_foreign(file, mapping)
+    for name, text in log.metadata.get("left_out", {}).items():
+        click.echo(show_controls(f"warning: {file.name}, {name}: {text}"), err=True)
     return log
 
 
@@ -39,7 +55,7 @@ def read_any_log(file: Path, mapping: Path | None, *, quiet: bool = False) -> Lo
         InputError: a foreign log without a mapping, or an unreadable log.
     """
     if mapping is not None:
-        return read_foreign(file, mapping)
+        return read_mapped_log(file, mapping)
     if is_own_log(file):
         return read_own_log(file)
     kind, topics = detect_format(file).name, list_topics(file)
@@ -62,9 +78,33 @@ def _print_topics(title: str, topics: list[TopicSummary]) -> None:
     print_table(table)
 
 
-def scenario_estimator(name: str, settings: Mapping[str, str]) -> Any:
-    """Return the estimator of a scenario. settings: settings of the scenario."""
-    return build(name, settings).autopilot.estimator
+def scenario_estimator(name: str, settings: Mapping[str, str], log: Log) -> Any:
+    """Return the estimator of a scenario. settings: settings of the scenario.  log: log whose samples it will read.
+
+    Raises:
+        InputError: a sample in the log has another unit than that of the scenario's sensor.
+    """
+    scenario = build(name, settings)
+    for sensor in scenario.autopilot.estimator.listens:
+        for field, declared in _declared_fields(scenario.world.sensors.get(sensor)).items():
+            path = f"{RECEIVED}.{sensor}.value.{field}"
+            unit = log.unit(path) if path in log else declared.unit
+            if unit not in ("", declared.unit) and declared.kind in ("real", "angle"):
+                problem = f"{field!r} of sensor {sensor!r} must be in {declared.unit}, got the unit {unit!r}"
+                fix = (
+                    f'correct the unit or the column in the mapping: {field} = {{ from = …, unit = "{declared.unit}" }}'
+                )
+                raise InputError("replay", problem, choices=UNITS.get(declared.unit, ()), fix=fix)
+    return scenario.autopilot.estimator
+
+
+def _declared_fields(sensor: Any) -> dict[str, Quantity]:
+    """Return the declarations of a sensor's fields by name; empty for a sensor that measures no motion."""
+    try:
+        measured = jax.eval_shape(sensor.measure, no_motion())
+    except AttributeError:  # without `measure`, or with another input
+        return {}
+    return {path: declared for path, _, declared in leaves(measured) if isinstance(declared, Quantity)}
 
 
 def check_choice(mapping: Path | None, scenario: str | None, estimator: str | None, settings: Any, parts: Any) -> None:

@@ -9,13 +9,13 @@ import click
 from trimtab.analysis.identify.flight_data import FlightData, read_flight
 from trimtab.analysis.identify.identification import HORIZON, Identified, identify
 from trimtab.commands.calibrate_files import add_to_file, check_calibration_file
-from trimtab.commands.foreign_logs import read_own_log
+from trimtab.commands.foreign_logs import read_mapped_log, read_own_log
 from trimtab.commands.options import FILE, JSON, MAP, NAVIGATION, OUT, SCENARIO, SET
 from trimtab.commands.output import new_table, print_files, print_json, print_table
 from trimtab.commands.progress import show_spinner
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import records
-from trimtab.logs.foreign.read import detect_format, is_own_log, read_foreign
+from trimtab.logs.foreign.read import detect_format, is_own_log
 from trimtab.loop.calibration import Calibration, Covariance, Entry, flat_entries, read_calibration
 from trimtab.loop.scenario import Scenario
 from trimtab.run.fit_parameters import DELAY
@@ -79,7 +79,11 @@ def command(
     """
     check_calibration_file(out)
     built = build(scenario, settings)
-    flights, others = ([_read(file, built, sensor, mapping) for file in files] for files in (logs, held))
+    names = [file.name for file in (*logs, *held)]
+    flights, others = (
+        [_read(f, f.name if names.count(f.name) == 1 else str(f), built, sensor, mapping) for f in files]
+        for files in (logs, held)
+    )
     with show_spinner(f"fitting {len(paths)} parameters to {len(flights)} flights"):
         found = identify(built, flights, paths, held_out=others)
     calibration = _as_calibration(built, found, [f.name for f in flights])
@@ -87,6 +91,9 @@ def command(
         problem = f"the fitted model does not explain {', '.join(found.unexplained)}, so nothing is written"
         fix = "run without --out; check units, signs and axes of the mapping, and that the log is of this vehicle"
         raise InputError("--out", problem, fix=fix)
+    if found.disagreeing and out is not None:
+        problem = f"the logs {' and '.join(found.disagreeing)} disagree with the others, so nothing is written"
+        raise InputError("--out", problem, fix="identify each log alone; all logs must be of one vehicle")
     changes = _changes(calibration, settings.get("calibration"))
     _, files = add_to_file(out, calibration)
     if as_json:
@@ -98,15 +105,16 @@ def command(
         raise click.exceptions.Exit(1)
 
 
-def _read(file: Path, scenario: Scenario, sensor: str | None, mapping: Path | None) -> FlightData:
+def _read(file: Path, name: str, scenario: Scenario, sensor: str | None, mapping: Path | None) -> FlightData:
+    """Read a log. name: name of the log in messages."""
     if mapping is not None:
         detect_format(file)  # raises InputError for an unknown format
     own = is_own_log(file)
     if not own and mapping is None:
         fix = f"--map MAP.toml, to map the log's columns to signals; list the columns with  trimtab replay {file}"
         raise InputError(f"log '{file}'", "is a log of another system", fix=fix)
-    log = read_own_log(file) if own or mapping is None else read_foreign(file, mapping)
-    return read_flight(log, scenario, sensor, file.name)
+    log = read_own_log(file) if own or mapping is None else read_mapped_log(file, mapping)
+    return read_flight(log, scenario, sensor, name)
 
 
 def _as_calibration(scenario: Scenario, found: Identified, logs: list[str]) -> Calibration:
@@ -164,6 +172,7 @@ def _as_json(scenario: str, found: Identified, changes: dict[str, float]) -> dic
         "process_noise": dict(found.process),
         "unexplained": {field: {"rms": a, "change": b} for field, (a, b) in found.unexplained.items()},
         "correlated": dict(found.correlated),
+        "disagreeing_logs": dict(found.disagreeing),
         "held_out_rms": {field: {"nominal": a, "fitted": b} for field, (a, b) in found.held_out.items()},
         "changed_since_calibration": changes,
         "log_likelihood": {"nominal": found.nominal_log_likelihood, "fitted": found.estimate.log_likelihood},
@@ -171,12 +180,15 @@ def _as_json(scenario: str, found: Identified, changes: dict[str, float]) -> dic
 
 
 def _print_unexplained(found: Identified) -> None:
-    """Print the measured fields that the fitted model does not explain, and likely reasons."""
+    """Print the measured fields and the flights that the fitted model does not explain, and likely reasons."""
     for field, (rms, change) in found.unexplained.items():
         text = f"not explained: {field}: error {rms:.3g} over {HORIZON:g} s, while the field changes by {change:.3g};"
         click.echo(
             f"{text} check unit, sign and axis of this field and of the commands, and that the log is of this vehicle"
         )
+    for name, chance in found.disagreeing.items():
+        text = f"not consistent: {name} disagrees with the other logs on the parameters (p-value {chance:.1e});"
+        click.echo(f"{text} the intervals are not valid. Identify each log alone; all logs must be of one vehicle")
     if found.correlated:
         fields = ", ".join(f"{field} (correlation {value:.2f})" for field, value in found.correlated.items())
         click.echo(f"not white: errors of {fields} are correlated in time, as in a navigation system")
@@ -204,6 +216,10 @@ def _print_found(scenario: str, found: Identified, changes: dict[str, float]) ->
             click.echo(f"not separable: {', '.join(group)}; fit only one of them, and measure the others on a bench")
         else:
             click.echo(f"no effect in this data: {', '.join(group)}; fly a manoeuvre that excites it, or do not fit it")
+    for path in sorted(unidentifiable.difference(*found.groups)):
+        click.echo(
+            f"not determined: {path}; give its start a value near the true one with --set, or fly other manoeuvres"
+        )
     if found.held_out:
         table = new_table(
             "field", ">nominal", ">fitted", title=f"rms prediction error over {HORIZON:g} s, validation logs"

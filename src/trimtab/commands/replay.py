@@ -142,7 +142,7 @@ def _step_estimator(
     enable_cache()
     with show_spinner(f"compiling {name or scenario}"):
         if name is None:
-            part = scenario_estimator(str(scenario), settings)
+            part = scenario_estimator(str(scenario), settings, log)
         elif ":" in name:
             part = _build_part("estimator", name)
         else:

@@ -231,6 +231,9 @@ def _spell_plainly(text: str) -> str:
 
 def _parse_factor(where: str, text: str, factor: str) -> float:
     try:
-        return float(factor)
+        size = float(factor)
     except ValueError:
         raise InputError(where, f"{text!r} does not begin with a number", fix='write e.g. "1e-7 deg"') from None
+    if size == 0 or not math.isfinite(size):
+        raise InputError(where, f"the factor must be finite and not 0, got {text!r}", fix='write e.g. "1e-7 deg"')
+    return size

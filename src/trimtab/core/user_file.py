@@ -1,5 +1,6 @@
 """Files that a user names. Only plain files are read: a pipe could block, and a device could fill the memory."""
 
+import codecs
 import errno
 import os
 import stat
@@ -8,6 +9,20 @@ from typing import BinaryIO
 
 LARGEST_TEXT = 1 << 28
 """Maximum size of a text file (bytes)."""
+SHOWN = 40
+"""Maximum number of characters of a line that an error message shows."""
+
+
+class EncodingError(UnicodeDecodeError):
+    """Error for a file that is not text in UTF-8. The message names the first line that is not."""
+
+    def __str__(self) -> str:
+        if self.object.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            return "the text is in UTF-16, not in UTF-8"
+        lines, before = self.object.splitlines(), self.object[: self.start].splitlines(keepends=True)
+        number = len(before) + (not before or before[-1].endswith((b"\r", b"\n")))
+        shown = lines[number - 1][:SHOWN].decode("latin-1")
+        return f"line {number} is not in UTF-8; read as Latin-1, it is {shown!r}"
 
 
 def open_user_file(path: str | os.PathLike[str]) -> BinaryIO:
@@ -45,7 +60,11 @@ def read_user_text(path: str | os.PathLike[str], largest: int = LARGEST_TEXT) ->
 
     Raises:
         OSError: if the file cannot be read, is a pipe, a device or a folder, or is larger than `largest`.
-        UnicodeDecodeError: if the file is not text in UTF-8.
+        EncodingError: if the file is not text in UTF-8.
     """
-    text = read_user_bytes(Path(path), largest).decode("utf-8-sig")
+    data = read_user_bytes(Path(path), largest)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise EncodingError("utf-8", data, error.start, error.end, error.reason) from None
     return text.replace("\r\n", "\n").replace("\r", "\n")

@@ -145,7 +145,9 @@ def _parse_trace(path: str, lines: list[str]) -> Trace:
         where, fields = f"{path}, line {n}", line.split(",")
         if len(fields) != 2:
             raise InputError(
-                where, f"the line {line!r} has {len(fields)} fields, but must have 2", fix="write e.g. 0.02,0.041"
+                where,
+                f"the line {line!r} has {len(fields)} fields, but must have 2",
+                fix="write decimals with a point, e.g. 0.02,0.041",
             )
         sent, lost = _parse_number(where, "sent_s", fields[0]), not fields[1].strip()
         latency = 0.0 if lost else _parse_number(where, "latency_s", fields[1])

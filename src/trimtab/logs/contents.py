@@ -21,6 +21,8 @@ FOOTER, CHANNEL, MESSAGE, CHUNK, METADATA, DATA_END = 0x02, 0x04, 0x05, 0x06, 0x
 KNOWN, PRIVATE = range(0x01, 0x10), range(0x80, 0x100)
 """Opcodes (record types) of the MCAP format, and opcodes that programs may use for private records."""
 RECORD, MESSAGE_HEAD, CHUNK_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ"), struct.Struct("<QQQI")
+OWN_START = MAGIC + RECORD.pack(0x01, 15) + struct.pack("<II", 0, 7) + b"trimtab"
+"""First bytes of every log of trimtab: the header record, with an empty profile, and with the name of the library."""
 ZSTD = b"\x04\x00\x00\x00zstd"
 """Bytes that follow the header of a chunk compressed by zstd."""
 LARGEST_CHUNK = 1 << 28

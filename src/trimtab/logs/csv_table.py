@@ -108,7 +108,7 @@ def read_table(path: str | os.PathLike[str], *, gaps: bool = False) -> CsvTable:
     for line, row in zip(lines, rows, strict=True):
         if len(row) != len(head):
             problem = f"line {line} has {len(row)} columns, but there are {len(head)} names"
-            fix = "write one cell for each name, and quote text that contains commas"
+            fix = "write one cell for each name, a decimal point (1.5, not 1,5), and quotes around text with commas"
             if len(row) == 2 * len(head):
                 problem, fix = (
                     f"{problem}: the file seems to have decimal commas",
@@ -174,6 +174,7 @@ def _parse_column(heading: str, cells: Sequence[str], lines: Sequence[int], gaps
     except ValueError:
         bad = next(i for i, cell in enumerate(filled) if not _is_number(cell))
         what = f"{cells[bad][:SHOWN]!r} is not a number" if cells[bad] else "the cell is empty"
+        what += "; write a decimal point" if re.fullmatch(r"-?\d+,\d+", cells[bad]) else ""
         return CsvColumn(name, unit, np.array(cells), f"line {lines[bad]}, column {name!r}: {what}")
     if not gaps and not np.isfinite(values).all():
         bad = int(np.argmin(np.isfinite(values)))

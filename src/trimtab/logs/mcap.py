@@ -129,9 +129,9 @@ def read_mcap(path: str | os.PathLike[str]) -> Log:
     """
     contents = parse_contents(path, _read_bytes(Path(path)))
     if LAYOUT not in contents.metadata or RUN not in contents.metadata:
-        raise InputError(
-            f"log file '{path}'", _missing_content(contents), fix="use a file that write_mcap or trimtab run wrote"
-        )
+        fix = "use a file that write_mcap or trimtab run wrote"
+        fix = "copy the file again from where it was recorded" if contents.is_truncated else fix
+        raise InputError(f"log file '{path}'", _missing_content(contents), fix=fix)
     written = contents.metadata[LAYOUT].get("format")
     if written != FORMAT:
         problem = f"has format {written}, but this version reads {FORMAT}"
@@ -172,7 +172,7 @@ def _read_bytes(path: Path) -> bytes:
         problem = f"cannot be read: {error.strerror or error}"
         raise InputError(f"log file '{path}'", problem, fix=f"check the path; {_how_to_write()}") from None
     if not data.startswith(MAGIC):
-        raise InputError(f"log file '{path}'", "is not an MCAP file", fix=_how_to_write())
+        raise InputError(f"log file '{path}'", "is not an MCAP file" if data else "is empty", fix=_how_to_write())
     return data
 
 

@@ -32,6 +32,8 @@ accepted."""
 NEIGHBOURS = 2
 """Number of readings before, and number of readings after a reading, with which the reading is compared to find
 spikes."""
+STEP_MIN, STEP_MAX = 1e-4, 2.0
+"""Smallest and largest plausible time between two readings of a logger (s)."""
 SPIKE = 12.0
 """Threshold for spikes: deviation of a reading from the surrounding readings, as a multiple of the usual deviation."""
 
@@ -158,6 +160,21 @@ def refuse_spikes(data: Measurements, name: str) -> None:
         raise InputError(f"file {data.file!r}", problem, fix="correct the value, or leave the line out")
 
 
+def refuse_wrong_step(file: str, times: Any, trial: str = "") -> None:
+    """Raise InputError if the time between two readings is not plausible, e.g. because of a wrong unit of the times.
+
+    Args:
+        file: name of the file.
+        times: times of the readings (n,), s.
+        trial: beginning of the message, which names the trial.
+    """
+    step = float(np.median(np.diff(times))) if len(times) > 1 else STEP_MAX
+    if not STEP_MIN <= step <= STEP_MAX:
+        problem = f"{trial}column 'time': the readings are {step:.6g} s apart, must be {STEP_MIN:g} to {STEP_MAX:g} s"
+        fix = "check the unit in the heading (are the times in [s]?), or log at 20 Hz or more"
+        raise InputError(f"file {file!r}", problem, fix=fix)
+
+
 def describe_columns(columns: Iterable[MeasuredColumn]) -> str:
     """Return the headings that a file needs, as one line of CSV."""
     return ",".join(c.heading() for c in columns if c.needed)
@@ -253,20 +270,28 @@ def _refuse_values(where: str, column: MeasuredColumn, data: Measurements) -> No
     """Raise InputError for values outside a column's range, e.g. because of a wrong unit or swapped columns."""
     values = data[column.name]
     outside = (values < column.low) | (values > column.high)
-    fits = f"{column.low:.6g} to {column.high:.6g} {column.unit}"
+    unit, size = _usual_unit(column)
+    fits = f"{column.low / size:.6g} to {column.high / size:.6g} {unit}"
     about = f"column {column.name!r} ({column.meaning})"
     if outside.any():
         k = int(np.argmax(outside))
-        problem = f"line {data.lines[k]}, {about}: {values[k]:.6g} {column.unit} is outside {fits}"
+        problem = f"line {data.lines[k]}, {about}: {values[k] / size:.6g} {unit} is outside {fits}"
         raise InputError(where, problem, fix="correct the unit in the heading, the order of the headings, or the value")
+
+
+def _usual_unit(column: MeasuredColumn) -> tuple[str, float]:
+    """Return the unit in which the quantity of a column is usually written, and its size in the column's unit."""
+    unit = column.usual or column.unit
+    return unit, UNITS[column.unit][unit]
 
 
 def _refuse_small(where: str, column: MeasuredColumn, data: Measurements) -> None:
     """Raise InputError if all values of a column are implausibly small, e.g. because of a wrong unit in the heading."""
     values, about = data[column.name], f"column {column.name!r} ({column.meaning})"
     if float(np.max(np.abs(values))) < column.most:
-        problem = f"{about}: no value is above {np.max(np.abs(values)):.3g} {column.unit}"
-        fix = f"check the unit in the heading (are the values in [{column.unit}]?), or measure larger values"
+        unit, size = _usual_unit(column)
+        problem = f"{about}: no value is above {np.max(np.abs(values)) / size:.3g} {unit}"
+        fix = "check the unit in the heading, or measure larger values"
         raise InputError(where, problem, fix=fix)
 
 

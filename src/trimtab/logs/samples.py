@@ -7,7 +7,7 @@ one signal for each column of numbers can be made.
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -207,22 +207,28 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
     clock = table.column(chosen[0])
     if clock.problem:
         raise InputError(where, clock.problem, fix="leave the line out; gaps are then reported by their time")
+    _refuse_disorder(where, table.lines, clock.values, clock.values)
     since = (clock.values - clock.values[0]) * _time_scale(where, clock, unit)
     ticks = np.round(since * UNITS_PER_SECOND).astype(np.int64)
+    _refuse_disorder(where, table.lines, clock.values, ticks)
     others = [column for column in table.columns if column.name in paths]
     good, left = [c for c in others if not c.problem], {c.name: c.problem for c in others if c.problem}
     if left and not good:
         raise InputError(where, next(iter(left.values())), fix="write a number, or leave such lines out")
     signals = {paths[c.name]: c.values for c in good}
     declared = {paths[c.name]: Quantity(c.unit or "1", f"Column {c.name}.") for c in good}
-    if (np.diff(ticks) <= 0).any():
-        at = int(np.argmax(np.diff(ticks) <= 0))
-        problem = f"the times must rise, but after line {table.lines[at]}: {clock.values[at]}, then"
-        problem += f" {clock.values[at + 1]}"
-        fix = "sort the file, remove repeated rows, and write times with a resolution of at least 100 ns"
-        raise InputError(where, problem, fix=fix)
     about = {"file": Path(path).name} | ({"left_out": left} if left else {})
     return Log(to_seconds(ticks), ticks, signals, declared, about)
+
+
+def _refuse_disorder(where: str, lines: Sequence[int], times: Any, rising: Any) -> None:
+    """Raise InputError if `rising` (n,), computed from the times (n,), does not rise from row to row."""
+    falls = np.flatnonzero(np.diff(rising) <= 0)
+    if len(falls):
+        at = int(falls[0])
+        problem = f"the times must rise, but after line {lines[at]}: {times[at]}, then {times[at + 1]}"
+        fix = "sort the file, remove repeated rows, and write times with a resolution of at least 100 ns"
+        raise InputError(where, problem, fix=fix)
 
 
 def _time_scale(where: str, clock: CsvColumn, unit: str) -> float:
@@ -253,7 +259,7 @@ def usual_period(times: Any) -> float:
 
 
 def _signal_paths(where: str, names: list[str], time: str) -> dict[str, str]:
-    """Return the name of a column -> path of the signal, for all columns except the time column.
+    """Return the name of a column -> path of the signal, for all columns except columns of times.
 
     Raise InputError if two paths are equal.
     """
@@ -267,6 +273,6 @@ def _signal_paths(where: str, names: list[str], time: str) -> dict[str, str]:
             raise InputError(
                 where, problem, fix=f"give the columns names that differ in letters or digits, e.g. {name}_2"
             )
-        if name != time:
+        if name != time and time_unit(name) is None:
             paths[name] = path
     return paths

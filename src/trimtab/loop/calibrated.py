@@ -48,15 +48,23 @@ class CalibratedScenario(NamedTuple):
 def with_calibration(scenario: Scenario, calibration: Calibration) -> CalibratedScenario:
     """Return the scenario with the calibrated values of all its settings that have a calibration entry.
 
-    Raises: InputError if no calibration entry corresponds to a setting of the scenario, or if the unit or shape of an
-        entry differs from that of its setting.
+    Raises: InputError if no calibration entry corresponds to a setting of the scenario, if two entries set the same
+        setting, if a class of the scenario has no parameter of an entry's name, or if unit, shape or value of an entry
+        do not fit its setting.
     """
     used: dict[str, list[str]] = {}
+    owner: dict[str, str] = {}
     for name, entry in calibration.entries.items():
         if name in NOTES:
             continue
         scenario = _with_absent_parts(scenario, name)
         paths = setting_paths(scenario, name)
+        if not paths:
+            _refuse_unknown_field(scenario, name)
+        for path in paths:
+            if owner.setdefault(path, name) != name:
+                problem = f"{owner[path]} and {name} both set {path}"
+                raise InputError("calibration", problem, fix="remove one of the two entries")
         declared = {path: (old, d) for path, old, d in leaves(scenario) if path in paths and isinstance(d, Quantity)}
         for path in paths:
             old, quantity = declared[path]
@@ -89,6 +97,17 @@ def setting_paths(scenario: Scenario, name: str) -> list[str]:
     return [f"{path}.{field}" for path, r in owners if isinstance(declarations(type(r)).get(field), Quantity)]
 
 
+def _refuse_unknown_field(scenario: Scenario, name: str) -> None:
+    """Raise InputError if an entry names a class of the scenario, but not a parameter of this class."""
+    kind, _, field = name.rpartition(".")
+    for _, r in records(scenario):
+        if type(r).__name__ == kind:
+            known = [n for n, d in declarations(type(r)).items() if isinstance(d, Quantity)]
+            near = closest(field, known, 1)
+            fix = f"write {kind}.{near[0]}, or remove the entry" if near else "remove the entry"
+            raise InputError(f"calibration, {name}", f"{kind} has no parameter {field!r}", choices=known, fix=fix)
+
+
 def _with_absent_parts(scenario: Scenario, name: str) -> Scenario:
     """Return the scenario with each optional part added that an entry calibrates, e.g. the hovercraft's friction."""
     kind = name.rpartition(".")[0]
@@ -107,6 +126,15 @@ def _fitting_value(name: str, entry: Any, path: str, old: Any, declared: Quantit
     if value.shape != np.shape(old):
         problem = f"has shape {value.shape}, but the setting {path} has shape {np.shape(old)}"
         raise InputError(where, problem, fix="calibrate again with this version")
+    for bound, wrong, text in (
+        (declared.above, np.less_equal, "above"),
+        (declared.low, np.less, "at least"),
+        (declared.high, np.greater, "at most"),
+    ):
+        if bound is not None and wrong(value, bound).any():
+            first = np.atleast_1d(value)[np.atleast_1d(wrong(value, bound))][0]
+            problem = f"must be {text} {bound:g} {declared.unit}".removesuffix(" 1") + f", got {first:.6g}"
+            raise InputError(where, problem, fix="correct the value, or calibrate again")
     return float(value) if value.ndim == 0 else value
 
 

@@ -14,10 +14,11 @@ import numpy as np
 from trimtab.actuators.drive import FanDrive
 from trimtab.actuators.rudder import RudderServo
 from trimtab.core.errors import InputError, argument, argument_name
-from trimtab.core.quantity import Quantity, leaves, records
+from trimtab.core.quantity import Quantity, leaves, records, split_index
+from trimtab.core.units import TURN
 from trimtab.links.latency import gamma_table
 from trimtab.loop.calibrated import NOTES, setting_paths
-from trimtab.loop.calibration import Calibration, flat_entries, index_name, joint_covariance
+from trimtab.loop.calibration import Calibration, Entry, flat_entries, index_name, joint_covariance
 from trimtab.loop.scenario import Scenario
 
 CORRELATED = 0.02
@@ -54,6 +55,7 @@ def calibrated_spread(scenario: Scenario, calibration: Calibration) -> Calibrate
     for name, entry in calibration.entries.items():
         if entry.standard_error is None or not np.any(entry.standard_error) or name == REVERSE:
             continue
+        _refuse_wide(scenario, name, entry)
         flat = {n: v for n, v in flat_entries(Calibration({name: entry})).items() if v[1] > 0}
         paths = [] if name in NOTES else [p for p in setting_paths(scenario, name) if p.startswith("world.")]
         if name.startswith("Thruster."):
@@ -63,6 +65,11 @@ def calibrated_spread(scenario: Scenario, calibration: Calibration) -> Calibrate
         for single, (value, error, _) in flat.items():
             index = single[len(name) :]
             for path in paths:
+                own = float(known[path][0][split_index(path + index)[1] or ()])
+                if name != "Thruster.coefficient" and not math.isclose(own, value, rel_tol=1e-9):
+                    text = f"its value is {own:.6g}, not the calibrated {value:.6g}"
+                    notes.append(f"{path + index} is not varied: {text}")
+                    continue
                 if name == "Thruster.coefficient":
                     text = f"normal({float(known[path][0])!r}, {error / abs(value)!r})"
                 else:
@@ -73,7 +80,9 @@ def calibrated_spread(scenario: Scenario, calibration: Calibration) -> Calibrate
         drawn |= {f"{path}:{k}": text for path, texts in directions.items() for k, text in enumerate(texts, 1)}
         notes += [note] if note else []
     if not drawn:
-        problem = "the calibration contains no standard error for any setting in the world of this scenario"
+        problem = "; ".join(
+            ["the calibration contains no standard error for any setting in the world of this scenario", *notes]
+        )
         raise InputError(
             argument_name("spread"), problem, fix=argument("spread", "normal(100%, 5%)", "world.vehicle.mass")
         )
@@ -138,6 +147,23 @@ def _explain(name: str) -> list[str]:
     return [f"{name} is not varied: the world of this scenario has no such setting"]
 
 
+def _refuse_wide(scenario: Scenario, name: str, entry: Entry) -> None:
+    """Raise InputError if the 95 % interval of a number reaches values that are not valid, or a full turn."""
+    declared = {path: d for path, _, d in leaves(scenario) if isinstance(d, Quantity)}
+    for path in setting_paths(scenario, name):
+        limit, unit = declared[path].above, declared[path].unit
+        ends = np.stack(entry.interval())
+        low, high, wide = ends[0].min(), ends[1].max(), (ends[1] - ends[0]).max()
+        problem = f"the 95 % interval, {low:.6g} to {high:.6g} {unit}, "
+        if limit is not None and low <= limit:
+            problem += f"must be above {limit:g} {unit}"
+        elif unit == "rad" and wide > TURN:
+            problem += "must be less than a turn"
+        else:
+            continue
+        raise InputError(f"calibration, {name}", problem, fix="correct standard_error, or calibrate again")
+
+
 def _correlations(calibration: Calibration, owner: Mapping[str, str]) -> list[tuple[str, str, float]]:
     keys = sorted(owner)
     P = joint_covariance(calibration, [owner[k] for k in keys])
@@ -156,6 +182,8 @@ def _reverse(scenario: Scenario, calibration: Calibration) -> tuple[dict[str, li
     if not drives:
         return {}, f"{REVERSE} is not varied: the world of this scenario has no such setting"
     names = [index_name(REVERSE, (i,)) for i in range(len(entry.value))]
+    if not any(names[0] in c.of for c in calibration.covariances):
+        return {}, f"{REVERSE} is not varied: the file has no [[covariance]] of its coefficients. Calibrate it again"
     P = joint_covariance(calibration, names)
     texts = _along(_square_root(P))
     note = (

@@ -20,6 +20,7 @@ content.
 """
 
 import hashlib
+import itertools
 import json
 import math
 import tomllib
@@ -34,6 +35,8 @@ from trimtab.core.errors import InputError
 from trimtab.core.user_file import read_user_text
 
 VERSION = 1
+HUGE = 1e150
+"""Limit of values and standard errors, whose squares must be finite."""
 HEAD = "# trimtab calibration: numbers that were measured, each with unit, uncertainty and source"
 
 
@@ -141,6 +144,12 @@ def parse_calibration(where: str, text: str) -> Calibration:
     covariances = tuple(
         _read_covariance(where, entries, table) for table in (listed if isinstance(listed, list) else [listed])
     )
+    seen: set[frozenset[str]] = set()
+    for pairs in ({frozenset(pair) for pair in itertools.combinations(c.of, 2)} for c in covariances):
+        if pairs & seen:
+            problem = f"two [[covariance]] tables name {' and '.join(sorted(min(pairs & seen, key=sorted)))}"
+            raise InputError(where, problem, fix="remove one of the tables")
+        seen |= pairs
     return Calibration(entries, covariances)
 
 
@@ -260,9 +269,9 @@ def _read_entry(where: str, table: Any) -> Entry:
     if not freedom > 0:
         problem = f"freedom must be above 0, got {freedom:g}"
         raise InputError(where, problem, fix="leave freedom out if it is unknown")
-    if not np.isfinite(value).all():
+    if not (np.abs(value) < HUGE).all():
         raise InputError(where, "the value is not finite", fix=fix)
-    if error is not None and (error.shape != value.shape or not (np.isfinite(error) & (error >= 0)).all()):
+    if error is not None and (error.shape != value.shape or not ((error >= 0) & (error < HUGE)).all()):
         problem = "standard_error must have the shape of value, with finite numbers that are not negative"
         raise InputError(where, problem, fix="leave standard_error out if it is unknown")
     texts = {n: str(table[n]) for n in ("unit", "source", "procedure") if n in table}
@@ -272,11 +281,17 @@ def _read_entry(where: str, table: Any) -> Entry:
 def _read_covariance(where: str, entries: Mapping[str, Entry], table: Any) -> Covariance:
     try:
         of, matrix = tuple(map(str, table["of"])), _numbers(table["matrix"])
+        if not of:
+            raise ValueError
     except (KeyError, TypeError, ValueError, OverflowError):
         fix = "write  of = [names of parameters]  and  matrix = [[…]]"
         raise InputError(where, "a [[covariance]] table lacks `of` or `matrix`", fix=fix) from None
     flat = flat_entries(Calibration(entries))
     missing = [n for n in of if n not in flat]
+    unknown = [n for n in of if n in flat and entries[_base(n)].standard_error is None]
+    if unknown:
+        problem = f"a [[covariance]] table names {unknown[0]!r}, which has no standard_error"
+        raise InputError(where, problem, fix="write standard_error in this entry, or remove the name from the table")
     if missing:
         raise InputError(
             where,
@@ -295,7 +310,7 @@ def _read_covariance(where: str, entries: Mapping[str, Entry], table: Any) -> Co
         raise InputError(where, problem, fix="use the covariance that trimtab calibrate writes")
     for name, variance in zip(of, np.diagonal(matrix), strict=True):
         stated, error = flat[name][1], math.sqrt(max(float(variance), 0.0))
-        if entries[_base(name)].standard_error is not None and not math.isclose(stated, error, rel_tol=1e-3):
+        if not math.isclose(stated, error, rel_tol=1e-3):
             problem = f"the standard error of {name} is {stated:.6g}, but its variance in [[covariance]] gives"
             fix = "calibrate again, or remove this [[covariance]] table if you have changed the standard error"
             raise InputError(where, f"{problem} {error:.6g}", fix=fix)

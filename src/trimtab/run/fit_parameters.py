@@ -55,12 +55,11 @@ def find_parameters(scenario: Scenario, paths: Sequence[str]) -> tuple[Scenario,
         value, declared = real[base]
         assert isinstance(declared, Quantity)
         if not has_index(np.shape(value), at):
-            fix = f"{argument('paths', [first_number(base, np.shape(value))])}, for the first element"
-            raise InputError(
-                argument_name("paths", path),
-                f"has shape {np.shape(value)}, so the index of one element is needed",
-                fix=fix,
-            )
+            fix = argument("paths", [first_number(base, np.shape(value))])
+            problem = f"has shape {np.shape(value)}, so the index of one of its elements is needed"
+            if not np.shape(value):
+                problem = "is one number, so its path must not have an index"
+            raise InputError(argument_name("paths", path), problem, fix=fix)
         value = np.asarray(value, np.float64)[at or ()]
         low, high = _bounds(declared)
         parameters.append(FitParameter(path, declared.unit, float(value), low, high))
@@ -68,6 +67,12 @@ def find_parameters(scenario: Scenario, paths: Sequence[str]) -> tuple[Scenario,
         raise InputError(
             "identify", "at least one parameter is needed", fix=argument("paths", ["world.vehicle.mass", "delay"])
         )
+    table = getattr(scenario.world.actuators, "table", None)
+    is_computed = getattr(table, "origin", "") == "formula" or any(".actuators.thruster." in p for p in paths)
+    for path in [p for p in paths if is_computed and p.startswith("world.actuators.table.")]:
+        problem = "cannot be fitted, because this table is computed from the parameters of the thruster"
+        fix = argument("paths", ["world.actuators.thruster.coefficient"])
+        raise InputError(argument_name("paths", path), problem, fix=fix)
     return scenario, tuple(parameters)
 
 

@@ -15,6 +15,7 @@ from trimtab.analysis.identify.allan import (
     octave_averages,
     overlapping_variance,
     refuse_motion,
+    refuse_stuck,
 )
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
@@ -168,6 +169,26 @@ def test_rejects_short_constant_or_non_finite_logs(y, averages, says):
 def long_noise(seed, walk=1e-4):
     g = np.random.default_rng(seed)
     return g.standard_normal(SIZE) * 1e-3 / np.sqrt(DT) + np.cumsum(g.standard_normal(SIZE)) * walk * np.sqrt(DT)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            lambda y: np.where(np.abs(np.arange(len(y)) - 600) < 100, y[600], y),
+            "in 199 successive samples from 5.01 s on",
+        ),
+        (lambda y: np.clip(y, -np.inf, 0.01), r"is saturated: \d+ of 2000 samples are 0.01, the greatest value"),
+        (lambda y: np.repeat(y[::4], 4), "75 % of the samples equal the one before, must be at most 70 %"),
+        (lambda y: 1e200 * y, "which is not plausible"),
+    ],
+)
+def test_rejects_stuck_saturated_and_repeated_samples(change, said):
+    y = 0.01 * np.random.default_rng(0).standard_normal(2000)
+    refuse_stuck("gyro", y, 0.01)
+    refuse_stuck("gyro", np.round(y / 0.02) * 0.02, 0.01)
+    with pytest.raises(InputError, match=said):
+        refuse_stuck("gyro", change(y), 0.01)
 
 
 def test_motion_check_accepts_quantised_noise_and_random_walk():

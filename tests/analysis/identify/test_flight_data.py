@@ -8,8 +8,16 @@ import pytest
 from analysis.identify.motion_capture import NAME, capture_flight
 from click.testing import CliRunner
 
-from trimtab.analysis.identify.flight_data import actuate, find_grid, lay_on_grid, read_flight
+from trimtab.analysis.identify.flight_data import (
+    FlightData,
+    actuate,
+    find_grid,
+    lay_on_grid,
+    read_flight,
+    refuse_copies,
+)
 from trimtab.cli import main
+from trimtab.core.errors import InputError
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.foreign.read import read_foreign
 from trimtab.logs.log import Log
@@ -22,7 +30,7 @@ topic = "radio.csv"
 time = { field = "t", unit = "s" }
 [sensor.command.fields]
 rudder_pulse = { from = "steering", unit = "us" }
-speed_rpm    = { from = "rpm", unit = "1" }
+speed_rpm    = { from = "rpm", unit = "rpm" }
 
 [sensor.mocap]
 topic = "capture.csv"
@@ -79,13 +87,81 @@ def test_motion_capture_flight_is_identified(tmp_path: Path) -> None:
 
 
 def test_measurements_before_first_command_are_omitted(tmp_path: Path) -> None:
-    (tmp_path / "radio.csv").write_text("t,steering,rpm\n" + "".join(f"{0.5 + 0.1 * k:.1f},1500,0\n" for k in range(5)))
-    rows = "".join(f"{100 * k},{10 * k},0,{k}\n" for k in range(10))
+    (tmp_path / "radio.csv").write_text(
+        "t,steering,rpm\n" + "".join(f"{0.5 + 0.1 * k:.1f},1500,0\n" for k in range(25))
+    )
+    rows = "".join(f"{100 * k},{10 * k},0,{k}\n" for k in range(30))
     (tmp_path / "capture.csv").write_text(f"stamp [ms],x,z,yaw\n{rows}")
     (tmp_path / "flight.toml").write_text(MAPPING)
     flight = read_flight(read_foreign(tmp_path / "capture.csv", tmp_path / "flight.toml"), build(NAME))
-    np.testing.assert_array_equal(flight.ticks, ms(100) * np.arange(5, 10))
+    np.testing.assert_array_equal(flight.ticks, ms(100) * np.arange(5, 30))
     assert len(flight.command_ticks) == len(flight.valid)
+
+
+def read_changed(folder: Path, *changes: tuple[str, str], step: str = "{0}", last: str = "{1}") -> None:
+    """Read a flight with replacements in the mapping. step: measurement time (ms). last: measured x (mm)."""
+    (folder / "radio.csv").write_text("t,steering,rpm\n" + "".join(f"{0.1 * k:.1f},1500,9000\n" for k in range(30)))
+    rows = "".join(f"{step},{last},0,{k}\n".format(100 * k, 10 * k) for k in range(30))
+    (folder / "capture.csv").write_text(f"stamp [ms],x,z,yaw\n{rows}")
+    text = MAPPING
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "flight.toml").write_text(text)
+    read_flight(read_foreign(folder / "capture.csv", folder / "flight.toml"), build(NAME), name="capture.csv")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"x", unit = "mm"', '"x", unit = "deg"', r"'north' must be in m, got the unit 'rad'(.|\n)*Choices: m, km, cm"),
+        ('"x", unit = "mm"', '"x", unit = "1"', "'north' must be in m, got the unit '1'"),
+        ('unit = "us"', 'unit = "deg"', "'rudder_pulse' must be in s, got the unit 'rad'"),
+        ('from = "x"', 'from = ["x", "z"]', "the count of numbers of 'north' in each row must be 1, got 2"),
+        ("north ", "nrth ", r"'nrth' is not a field of the vehicle's state(.|\n)*Fix: write north"),
+        (
+            '"stamp", unit = "ms"',
+            '"stamp", unit = "us"',
+            r"the measurements from 0 to 0.0029 s; they must have at least",
+        ),
+        ('unit = "s" }', 'unit = "s", offset = "1000 s" }', r"the commands are from 1000 to 1002.9 s"),
+    ],
+)
+def test_rejects_wrong_units_names_and_times_of_a_mapping(tmp_path: Path, old: str, new: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        read_changed(tmp_path, (old, new))
+
+
+def test_fan_speed_may_be_in_any_unit_of_speed(tmp_path: Path) -> None:
+    read_changed(tmp_path, ('"rpm", unit = "rpm"', '"rpm", unit = "rad/s"'))
+
+
+def test_rejects_log_in_which_nothing_moves(tmp_path: Path) -> None:
+    still = 'heading = { from = "z", unit = "deg" }'
+    heading = 'heading = { from = "yaw", unit = "deg", sign = -1, offset = 90 }'
+    with pytest.raises(InputError, match="north, east, heading never change in this log"):
+        read_changed(tmp_path, (heading, still), last="3")
+
+
+def test_rejects_vehicle_whose_state_has_vectors() -> None:
+    with pytest.raises(InputError, match="position, velocity, attitude, rate, rotor_speed are vectors"):
+        read_flight(Log(np.zeros(1), np.zeros(1, np.int64), {"truth.x": np.zeros(1)}, {}), build("quadrotor/track"))
+
+
+def test_rejects_the_same_flight_twice() -> None:
+    ticks, y = np.arange(30), np.random.default_rng(0).standard_normal((30, 6))
+    one, other = (FlightData(name, None, ticks, ticks, y + k) for k, name in enumerate(("a", "b")))
+    cut = one._replace(name="cut", ticks=ticks[:20], y=y[:20])
+    refuse_copies([one, other], [])
+    with pytest.raises(InputError, match=r"log 'cut': the log has the same measurements as log 'a'\.\nFix"):
+        refuse_copies([one, cut], [other])
+    with pytest.raises(InputError, match=r"log 'cut': .* as log 'a', so it does not test the fit"):
+        refuse_copies([one, other], [cut])
+
+
+def test_rejects_empty_log() -> None:
+    with pytest.raises(InputError, match="contains no rows"):
+        read_flight(Log(np.zeros(0), np.zeros(0, np.int64), {"truth.x": np.zeros(0)}, {}), build(NAME), name="cut.mcap")
 
 
 def test_missing_mapping_error_suggests_the_map_option(tmp_path: Path) -> None:

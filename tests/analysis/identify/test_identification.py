@@ -155,6 +155,16 @@ def test_heading_of_wrong_sign_is_unexplained_and_not_written(tmp_path: Any) -> 
     assert not (tmp_path / "boat.toml").exists()
 
 
+@pytest.mark.thorough
+def test_flights_of_two_vehicles_disagree(tmp_path: Any) -> None:
+    for name, inertia, seed in (("a", "0.12", 1), ("b", "0.2", 2)):
+        write_mcap(capture_flight({"world.vehicle.inertia": inertia}, seed, 6.0), tmp_path / f"{name}.mcap")
+    words = ["identify", NAME, str(tmp_path / "a.mcap"), str(tmp_path / "b.mcap"), "--fit", "world.vehicle.inertia"]
+    done = CliRunner().invoke(main, [*words, "--out", str(tmp_path / "boat.toml")])
+    assert done.exit_code == 2, done.output
+    assert "the logs a.mcap and b.mcap disagree with the others, so nothing is written" in done.output
+
+
 def test_empty_measurement_file_is_named_in_error(tmp_path: Any) -> None:
     (tmp_path / "capture.csv").write_text("")
     (tmp_path / "map.toml").write_text("")

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from trimtab.analysis.identify.maximum_likelihood import (
+    CompiledLikelihood,
     Model,
     Timeline,
+    compare_flights,
     compile_likelihood,
     log_likelihood,
     maximise_likelihood,
@@ -87,6 +89,28 @@ def test_parameter_intervals_have_the_stated_coverage() -> None:
         for i, (low, high) in enumerate(profile_intervals(likelihood, data, found, (0, 1), free)):
             inside += int(low <= TRUE[i] <= high)
     assert inside >= 19  # of 24, 22.8 expected; fewer by chance 0.4 %
+
+
+def gaussian_score(timeline: Timeline, p: Any) -> Any:
+    """Score of the mean p[0] and of the logarithm of the variance p[1] of independent measurements."""
+    z, n = (timeline.y[timeline.seen] - p[0]) / np.exp(p[1] / 2), timeline.seen.sum()
+    gradient = [np.sum(z) / np.exp(p[1] / 2), np.sum(z * z - 1) / 2]
+    return 0.0, np.array(gradient), np.diag([n / np.exp(p[1]), n / 2])
+
+
+@pytest.mark.parametrize(("shift", "noise", "agrees"), [(0.0, 1.0, True), (0.0, 3.0, True), (3.0, 1.0, False)])
+def test_flights_with_other_parameters_are_found(shift: float, noise: float, agrees: bool) -> None:
+    g = np.random.default_rng(0)
+    y = np.concatenate([g.standard_normal(50), shift + noise * g.standard_normal(50)])
+    flights = Timeline(y, y, y[:, None], np.ones((100, 1), bool), y, (), np.repeat([0, 1], 50))
+    none: Any = None
+    likelihood = CompiledLikelihood(gaussian_score, none, none, none)
+    p, kept = np.array([y.mean(), np.log(y.var())]), np.array([True, False])
+    chances = compare_flights(likelihood, flights, p, kept)
+    assert len(chances) == 2
+    assert all((chance > 1e-3) == agrees for chance in chances)
+    first = flights._replace(owner=np.zeros(100, int))
+    assert compare_flights(likelihood, first, p, kept) == [1.0]
 
 
 def test_collinear_parameters_are_named() -> None:

@@ -1,5 +1,7 @@
 """Mapping files: invalid entries are rejected."""
 
+import math
+
 import pytest
 from logs.foreign.written import gyro
 
@@ -20,6 +22,24 @@ WRONG_MAPPINGS = {
     "near unit": ({"sensor": {"imu": {"fields": {"w": gyro("x", "degs/s")}}}}, r"Fix: unit = \"deg/s\""),
     "sign": ({"sensor": {"imu": {"fields": {"w": gyro(["x", "y"], sign=[1, 1, 1])}}}}, r"sign has 3 numbers"),
     "sign of text": ({"sensor": {"imu": {"fields": {"w": gyro("x", sign="-")}}}}, r"is not a list of numbers"),
+    "sign of zero": ({"sensor": {"imu": {"fields": {"w": gyro("x", sign=0)}}}}, r"w: sign must not be 0, got 0"),
+    "offset": (
+        {"sensor": {"imu": {"fields": {"w": gyro("x", offset=math.inf)}}}},
+        r"offset must be finite, got \[inf\]",
+    ),
+    "factor": ({"sensor": {"imu": {"fields": {"w": gyro("x", "0 m")}}}}, r"must be finite and not 0, got '0 m'"),
+    "time offset": (
+        {"sensor": {"imu": {"time": {"offset": "a"}, "fields": {"w": gyro("x")}}}},
+        r"imu\], time, offset: 'a' is not a time",
+    ),
+    "unit of a quaternion": (
+        {"sensor": {"imu": {"fields": {"w": {"quaternion": ["a", "b", "c", "d"], "unit": "m"}}}}},
+        r"w, unit: 'm' is not a unit of this quantity(.|\n)*Choices: rad, mrad, deg",
+    ),
+    "unit of a place": (
+        {"sensor": {"gps": {"geodetic": {"latitude": "a", "longitude": "o", "altitude_unit": "deg"}}}},
+        r"geodetic, altitude_unit: 'deg' is not a unit(.|\n)*Choices: m, km",
+    ),
     "quaternion": ({"sensor": {"imu": {"fields": {"w": {"quaternion": ["x"]}}}}}, r"w, x, y, z in this order"),
     "no columns": ({"sensor": {"imu": {"fields": {"w": gyro([])}}}}, r"has no columns"),
     "no fields": ({"sensor": {"imu": {"topic": "x"}}}, r"has no fields"),
@@ -43,3 +63,6 @@ def test_rejects_malformed_or_missing_toml_mapping(tmp_path, ulog):
         read_foreign(ulog, file)
     with pytest.raises(InputError, match="cannot be read"):
         read_foreign(ulog, tmp_path / "none.toml")
+    file.write_bytes("# Höhe\n".encode("latin-1"))
+    with pytest.raises(InputError, match=r"line 1 is not in UTF-8; read as Latin-1, it is '# Höhe'(.|\n)*as UTF-8"):
+        read_foreign(ulog, file)

@@ -48,6 +48,11 @@ def test_recognises_logs_written_by_trimtab(tmp_path, ulog, write):
     assert not is_own_log(write("t,x\n0,1\n"))
     assert not is_own_log(write_json_mcap(tmp_path / "a.mcap", "/gyro", [(0, 1)]))
     assert len(read_mcap(own)) == 50
+    for size in (8, 30, 100):
+        (tmp_path / "cut.mcap").write_bytes(own.read_bytes()[:size])
+        assert is_own_log(tmp_path / "cut.mcap")
+        with pytest.raises(InputError, match=r"is cut before the first sample(.|\n)*copy the file again"):
+            read_mcap(tmp_path / "cut.mcap")
 
 
 def test_csv_units_are_read_and_two_sensors_share_a_file(write):
@@ -66,6 +71,14 @@ def test_csv_units_are_read_and_two_sensors_share_a_file(write):
     np.testing.assert_allclose(log["downlink.compass.value.field"], [[0], [0.002], [0.004]])
 
 
+def test_rows_left_out_are_described_by_line(write):
+    file = write("t,x\n# a comment\n0,1\n1,\n2,nan\n3,4\n3,4\n")
+    log = read_foreign(file, mapping(x={"from": "x", "unit": "m"}))
+    text = "3 of 5 rows are left out: x is empty or not finite in lines 4 and 5; a row is repeated in line 7"
+    assert log.metadata["left_out"] == {"imu": text}
+    assert log.metadata["converted"]["imu"] == {"rows": 5, "not_finite": 2, "out_of_order": 0, "duplicates": 1}
+
+
 def test_csv_ignores_text_columns_and_reads_time_unit_from_name(write):
     log = read_foreign(write("# a\nTimeUS,mode,x\n1000000,AUTO,1\n1005000,,2\n"), mapping(x={"from": "x", "unit": "1"}))
     np.testing.assert_array_equal(log.ticks, [0, 50_000])
@@ -79,12 +92,19 @@ WRONG_CSV = {
         r"line 2 has 4 columns, but there are 2 names: the file seems to have decimal commas",
     ),
     "text value": ("t,x\n0,up\n", r"line 2, column 'x': 'up' is not a number"),
+    "decimal comma in one column": ("t,x\n0.5,1,5\n", r"line 2 has 3 columns(.|\n)*a decimal point \(1.5, not 1,5\)"),
+    "quoted decimal comma": ('t,x\n0.5,"1,5"\n', "line 2, column 'x': '1,5' is not a number; write a decimal point"),
     "no rows": ("t,x\n", r"has no rows"),
     "no time": ("when,x\n0,1\n", r"does not name the column of times(.|\n)*Choices: when, x(.|\n)*time = \{field"),
     "all gaps": ("t,x\n0,\n1,\n", r"no row has only finite values: x"),
-    "duplicate time": ("t,x\n0,1\n1,2\n1,3\n", r"have the time of another(.|\n)*1\.0000000 s: 2\.0, then 3\.0"),
-    "clock restarts": ("t,x\n7,1\n8,2\n0,3\n", r"jump back by 8 s at row 3"),
-    "nan time": ("t,x\n0,1\n,3\n", r"row 2 of 't' is nan"),
+    "duplicate time": (
+        "t,x\n0,1\n1,2\n1,3\n",
+        r"another(.|\n)*1\.0000000 s \(lines 3 and 4\): 2\.0, then 3\.0",
+    ),
+    "clock restarts": ("t,x\n7,1\n8,2\n0,3\n", r"jump back by 8 s at line 4"),
+    "nan time": ("t,x\n0,1\n,3\n", r"line 3, column 't': the time is nan"),
+    "huge time": ("t [s],x\n0,1\n1e300,3\n", r"line 3, column 't': the time is 1e\+300 s"),
+    "huge whole time": ("t [s],x\n0,1\n9000000000000000000,3\n", r"line 3, column 't': the time is 9e\+18 s"),
 }
 
 

@@ -40,6 +40,13 @@ MISFIT = 10.0
 
 A good log has about 1.
 """
+REPEATED = 0.7
+"""Largest accepted share of samples that equal the sample before. It is reached at a resolution of 2.7 times the
+standard deviation of the noise."""
+STUCK = 20
+"""Smallest number of equal samples that count as stuck, or as saturated."""
+LEAST_CHANGE = 1e-100
+"""Smallest plausible range of the samples of a signal. The largest one is its reciprocal."""
 MEDIAN = 0.6744897501960817
 """Median of the absolute value of a standard normal number."""
 
@@ -205,6 +212,38 @@ def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
         problem += f" (misfit {fit.misfit:.0f}, 1 is good)"
         fix = "keep the sensor still and its temperature steady; for a sensor that filters its output, add "
         fix += argument("shortest", "TIME")
+        raise InputError(f"signal {name!r}", problem, fix=fix)
+
+
+def refuse_stuck(name: str, y: Any, period: float) -> None:
+    """Raise InputError for a signal that is stuck or saturated, whose resolution is too coarse, or that is implausible.
+
+    Args:
+        name: name of the signal.
+        y: samples (n,).
+        period: time between two samples (s).
+    """
+    y = np.asarray(y, np.float64)
+    starts = np.flatnonzero(np.append(True, np.diff(y) != 0))
+    runs = np.diff(np.append(starts, len(y)))
+    repeated, k = 1 - len(starts) / len(y), int(np.argmax(runs))
+    problem = fix = ""
+    values, counts = np.unique(y, return_counts=True)
+    if not LEAST_CHANGE < np.ptp(y) < 1 / LEAST_CHANGE:
+        problem, fix = f"changes by {np.ptp(y):.3g}, which is not plausible", "correct the values, or their unit"
+    elif repeated > REPEATED:
+        problem = f"{100 * repeated:.0f} % of the samples equal the one before, must be at most {100 * REPEATED:.0f} %"
+        fix = "log each sample once, at full resolution"
+    elif runs[k] > max(STUCK, math.log(1e-9 / len(y)) / math.log(max(repeated, 0.05))):  # not by chance
+        problem = f"is {y[starts[k]]:.6g} in {runs[k]} successive samples from {starts[k] * period:.2f} s on"
+        fix = "check why the sensor or the logger is stuck, or cut the log there"
+    else:
+        for end, inside in ((0, 1), (-1, -2)):
+            if counts[end] > STUCK + 3 * counts[inside]:
+                problem = f"is saturated: {counts[end]} of {len(y)} samples are {values[end]:.6g}, the"
+                problem += f" {'least' if end == 0 else 'greatest'} value"
+                fix = "increase the range of the sensor or of the logger"
+    if problem:
         raise InputError(f"signal {name!r}", problem, fix=fix)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from trimtab.core.errors import InputError
-from trimtab.logs.measurements import TRIAL, MeasuredColumn, Measurements, refuse_spikes
+from trimtab.logs.measurements import TRIAL, MeasuredColumn, Measurements, refuse_spikes, refuse_wrong_step
 from trimtab.loop.calibration import Calibration, Covariance, Entry
 
 SPIN_COLUMNS = (
@@ -27,8 +27,6 @@ GLIDE_COLUMNS = (
     MeasuredColumn("time", "s", "time, which may start at any value"),
     MeasuredColumn("speed", "m/s", "speed", -50, 50, most=0.1),
 )
-LONGEST_STEP = 2.0
-"""Maximum plausible time between two readings (s)."""
 NAMES = ("coulomb", "viscous", "quadratic")
 UNITS = {"torque": ("N m", "N m s", "N m s^2"), "force": ("N", "N s/m", "N s^2/m^2")}
 
@@ -73,10 +71,7 @@ def split_trials(data: Measurements, speed: str) -> list[tuple[Any, Any]]:
             problem += f" {t[falls[0]]:.9g} s of line {at[0]}"
             fix = "sort the lines by time, number the trials in a column trial, and check that headings are not swapped"
             raise InputError(f"file {data.file!r}", problem, fix=fix)
-        if (step := float(np.median(np.diff(t)))) > LONGEST_STEP:
-            problem = f"trial {name!r}, column 'time': the readings are {step:.6g} s apart, must be at most"
-            fix = "check the unit in the heading (are the times in [s]?), or log at 20 Hz or more"
-            raise InputError(f"file {data.file!r}", f"{problem} {LONGEST_STEP:g} s", fix=fix)
+        refuse_wrong_step(data.file, t, f"trial {name!r}, ")
         refuse_spikes(data.select(which == name), speed)
         trials.append((t - t[0], v))
     return trials

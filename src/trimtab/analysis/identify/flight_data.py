@@ -1,8 +1,9 @@
 """Data for identification, read from a log: commands, the vehicle's input computed from the commands, measurements."""
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -15,7 +16,9 @@ from trimtab.core.quantity import Option, Quantity, declarations, leaves, record
 from trimtab.core.record import replace
 from trimtab.core.rng import key as random_key
 from trimtab.core.signals import Sample
+from trimtab.core.suggestions import closest
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
+from trimtab.core.units import UNITS, find_size
 from trimtab.logs.log import Log
 from trimtab.logs.measurements import NEIGHBOURS, SPIKE
 from trimtab.loop.scenario import Scenario
@@ -24,6 +27,8 @@ LONGEST_STEP = 0.02
 """Longest integration step (s) of the vehicle model between two measurements."""
 FASTEST_TURN, MOST_TURNS = 1.0, 1000
 """Largest plausible values of a measured angle: median change between two measurements (rad), and number of turns."""
+LEAST_MEASURED, LEAST_TIME = 20, 1.0
+"""Least number of measurements in a log, and least time (s) that commands and measurements must have in common."""
 GAP = 2.0
 """Longest gap between two measurements (s). After a longer gap the vehicle's state counts as unknown."""
 
@@ -56,6 +61,13 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
     Raises: InputError if the log has no commands of these actuators, or no field of the vehicle's state.
     """
     where = f"log {name!r}"
+    if not len(log):
+        raise InputError(where, "contains no rows", fix="give a complete log")
+    vectors = [path for path, value, _ in leaves(scenario.initial) if np.shape(value)]
+    if vectors:
+        problem = f"{', '.join(vectors)} are vectors, but each field of the vehicle's state must be one number"
+        fix = "give a vehicle whose state has one field for each number, e.g. north, east and heading"
+        raise InputError(f"identify, scenario {scenario.name!r}", problem, fix=fix)
     known = ("uplink.value", "command.value", "downlink.command.value")
     base = next((b for b in known if any(p.startswith(f"{b}.") for p in log.paths)), None)
     example = _example_command(scenario)
@@ -67,15 +79,83 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
         raise InputError(where, problem, choices=has[:12], fix=fix)
     flag = f"{base.removesuffix('.value')}.valid"
     valid = log[flag].astype(bool) if flag in log else np.ones(len(log.ticks), bool)
-    commands = replace(example, **{f: np.asarray(log[f"{base}.{f}"], np.float64) for f in fields})
-    states = [path for path, _, _ in leaves(scenario.initial)]
-    block = _measuring_block(log, states, sensor, where)
-    ticks, y = _read_measured(log, block, states)
+    units = {f: getattr(d, "unit", "1") for f, d in declarations(type(example)).items()}
+    shapes = {f: np.shape(getattr(example, f)) for f in fields}
+    commands = replace(example, **{f: _read_values(where, log, f"{base}.{f}", units[f], shapes[f]) for f in fields})
+    states = {path: getattr(d, "unit", "1") for path, _, d in leaves(scenario.initial)}
+    block = _measuring_block(log, list(states), sensor, where)
+    ticks, y = _read_measured(where, log, block, states)
     if base.startswith("downlink."):  # log of another system: inputs before the first command are unknown
-        driven = ticks >= log.ticks[int(np.argmax(valid))]
+        first, last = log.ticks[int(np.argmax(valid))], log[f"{base.removesuffix('.value')}.t"][-1]
+        _refuse_other_times(where, log.ticks[0], (first, last), ticks)
+        driven = ticks >= first
         ticks, y = ticks[driven], y[driven]
-    _refuse_jumps(where, scenario, states, ticks, y)
+        _refuse_misspelt(where, log, block, list(states))
+    _refuse_little(where, ticks, y, list(states))
+    _refuse_jumps(where, scenario, list(states), ticks, y)
     return FlightData(name, commands, np.asarray(log.ticks, np.int64), ticks, y, valid)
+
+
+def _read_values(where: str, log: Log, path: str, unit: str, shape: tuple[int, ...] = ()) -> Any:
+    """Return the values of a signal (n, …), converted to a unit. Raise InputError for another shape or quantity."""
+    values, written = np.asarray(log[path], np.float64), log.unit(path)
+    signal = path.rpartition(".value.")[2]
+    if values.shape[1:] != shape:
+        counts = [int(np.prod(s)) for s in (shape, values.shape[1:])]
+        fix = f'in the mapping, name {counts[0]} of the columns: {signal} = {{ from = …, unit = "{unit}" }}'
+        problem = f"the count of numbers of {signal!r} in each row must be {counts[0]}, got {counts[1]}"
+        raise InputError(where, problem, fix=fix)
+    size = 1.0 if written in ("", unit) else find_size(written, unit)
+    if size is None:
+        problem = f"{signal!r} must be in {unit}, got the unit {written!r}"
+        fix = f'in the mapping, correct the unit, or the column: {signal} = {{ from = "…", unit = "{unit}" }}'
+        raise InputError(where, problem, choices=UNITS.get(unit, [unit]), fix=fix)
+    return values * size
+
+
+def _refuse_misspelt(where: str, log: Log, block: str, states: Sequence[str]) -> None:
+    """Raise InputError if a mapped field of another system's log has nearly the name of a state that is not mapped."""
+    mapped = [p.removeprefix(f"{block}.value.") for p in log.paths if p.startswith(f"{block}.value.")]
+    for field in [f for f in mapped if f not in states]:
+        near = closest(field, [s for s in states if s not in mapped], 1)
+        if near:
+            problem = f"{field!r} is not a field of the vehicle's state"
+            fix = f"write {near[0]} in the mapping, or remove {field!r}"
+            raise InputError(where, problem, choices=states, fix=fix)
+
+
+def _refuse_other_times(where: str, start: int, commands: tuple[int, int], ticks: Any) -> None:
+    """Raise InputError if commands and measurements of another system have little time in common.
+
+    start: time of the first row of the log.  commands: times of the first and of the last command.
+    ticks: times of the measurements (n,).
+    """
+    measured = (ticks[0], ticks[-1]) if len(ticks) else (start, start)
+    common = to_seconds(min(commands[1], measured[1]) - max(commands[0], measured[0]))
+    if common >= LEAST_TIME:
+        return
+    spans = [f"{to_seconds(a - start):.6g} to {to_seconds(b - start):.6g} s" for a, b in (commands, measured)]
+    problem = f"the commands are from {spans[0]}, and the measurements from {spans[1]}; they must have at least"
+    problem += f" {LEAST_TIME:g} s in common, got {max(common, 0.0):.3g} s"
+    fix = 'in the mapping, correct the units of both times, or the offset of one: time = { offset = "-3 s", … }'
+    raise InputError(where, problem, fix=fix)
+
+
+def _refuse_little(where: str, ticks: Any, y: Any, states: Sequence[str]) -> None:
+    """Raise InputError if there are few measurements, if they are far apart, or if none of them changes."""
+    there = np.isfinite(y).any(axis=1)
+    t, y = to_seconds(ticks[there]), y[there]
+    if len(t) < LEAST_MEASURED:
+        problem = f"at least {LEAST_MEASURED} measurements of the vehicle's state are needed, got {len(t)}"
+        raise InputError(where, problem, fix="give a flight of at least several seconds")
+    apart = float(np.median(np.diff(t)))
+    if apart > GAP:
+        problem = f"the measurements must be at most {GAP:g} s apart, got {apart:.3g} s"
+        raise InputError(where, problem, fix="measure more often, or correct the unit of the times in the mapping")
+    seen = [i for i in range(len(states)) if np.isfinite(y[:, i]).any()]
+    if not np.nanmax(np.nanmax(y[:, seen], axis=0) - np.nanmin(y[:, seen], axis=0)) > 0:
+        problem = f"{', '.join(states[i] for i in seen)} never change in this log"
+        raise InputError(where, problem, fix="give the log of a flight, or map other columns")
 
 
 def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: Any, y: Any) -> None:
@@ -84,7 +164,7 @@ def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: 
     for i, state in enumerate(states):
         at = np.flatnonzero(np.isfinite(y[:, i]))
         values, t = y[at, i], to_seconds(ticks[at])
-        if len(values) < 2 * NEIGHBOURS + 1:
+        if len(values) < LEAST_MEASURED:
             continue
         if state in angles:
             change = np.abs((np.diff(values) + np.pi) % (2 * np.pi) - np.pi)
@@ -104,6 +184,17 @@ def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: 
                 f" (measurement {at[k] + 1}); there are {int(wild.sum())} such outliers" if wild.sum() > 1 else ""
             )
             raise InputError(where, problem, fix="leave that log row out, because an outlier distorts the fit")
+
+
+def refuse_copies(flights: Sequence[FlightData], held_out: Sequence[FlightData]) -> None:
+    """Raise InputError if two logs, or the part of a log that another one has too, contain the same measurements."""
+    for (i, one), (k, other) in itertools.combinations(enumerate([*flights, *held_out]), 2):
+        n = min(len(one.ticks), len(other.ticks))
+        if np.array_equal(one.ticks[:n], other.ticks[:n]) and np.array_equal(one.y[:n], other.y[:n], equal_nan=True):
+            problem = f"the log has the same measurements as log {one.name!r}"
+            if i < len(flights) <= k:
+                problem += ", so it does not test the fit"
+            raise InputError(f"log {other.name!r}", problem, fix="give each flight once")
 
 
 def _example_command(scenario: Scenario) -> Any:
@@ -143,18 +234,19 @@ def _measuring_block(log: Log, states: Sequence[str], sensor: str | None, where:
     return next(iter(unique.values()))
 
 
-def _read_measured(log: Log, block: str, states: Sequence[str]) -> tuple[Any, Any]:
+def _read_measured(where: str, log: Log, block: str, states: Mapping[str, str]) -> tuple[Any, Any]:
     """Return times (n,) in ticks, and measured state fields (n, number of fields), of a sensor's valid samples.
 
-    Each sample is returned once, although the log repeats a sample in each row until the next sample.
+    Each sample is returned once, although the log repeats a sample in each row until the next sample. states: name of
+    a state field -> unit.
     """
     t = np.asarray(log[f"{block}.t"], np.int64) if f"{block}.t" in log else np.asarray(log.ticks)
     valid = log[f"{block}.valid"].astype(bool) if f"{block}.valid" in log else np.ones(len(t), bool)
     own = valid & (np.diff(t, prepend=np.iinfo(np.int64).min // 2) > 0)
     y = np.full((int(own.sum()), len(states)), np.nan)
-    for i, state in enumerate(states):
+    for i, (state, unit) in enumerate(states.items()):
         if f"{block}.value.{state}" in log:
-            y[:, i] = log[f"{block}.value.{state}"][own]
+            y[:, i] = _read_values(where, log, f"{block}.value.{state}", unit)[own]
     return t[own], y
 
 

@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from trimtab.core.errors import InputError
-from trimtab.logs.measurements import MeasuredColumn, Measurements
+from trimtab.logs.measurements import MeasuredColumn, Measurements, refuse_wrong_step
 from trimtab.loop.calibration import Calibration, Covariance, Entry
 
 COLUMNS = (
@@ -35,6 +35,8 @@ INSIDE = 0.999
 """Largest magnitude of a reflection coefficient in the fit. This limit keeps the poles inside the unit circle."""
 WILD = 12.0
 """Deviation of a sample from the fitted model, in standard deviations, above which the log is rejected."""
+GAIN_MIN = 0.5
+"""Smallest plausible static gain. The largest one is its reciprocal."""
 NAMES = ("IdentifiedGyro.b0", "IdentifiedGyro.a1", "IdentifiedGyro.a2")
 
 
@@ -83,6 +85,7 @@ def fit_gyro(data: Measurements) -> GyroFit:
     """
     t, u, y = data["time"], data["reference"], data["gyro"]
     where = f"file {data.file!r}"
+    refuse_wrong_step(data.file, t)
     steps = np.diff(t)
     period = float(np.median(steps)) if len(steps) else 0.0
     uneven = np.flatnonzero(np.abs(steps - period) > 0.02 * period)
@@ -109,7 +112,12 @@ def fit_gyro(data: Measurements) -> GyroFit:
     power = np.cumsum(spectrum**2)
     highest = float(np.fft.rfftfreq(len(u), period)[np.searchsorted(power, 0.99 * power[-1])])
     fitted = _simulate(best.x, u, delay)
-    return GyroFit(b0, a1, a2, P[:3, :3], delay, offset, period, deviation, freedom, fitted, highest)
+    fit = GyroFit(b0, a1, a2, P[:3, :3], delay, offset, period, deviation, freedom, fitted, highest)
+    if not GAIN_MIN <= fit.gain() <= 1 / GAIN_MIN:
+        problem = f"the static gain of the gyro must be {GAIN_MIN:g} to {1 / GAIN_MIN:g}, got {fit.gain():.4g}"
+        fix = "check that reference and gyro have the same axis, the same sign, and the units in their headings"
+        raise InputError(where, problem, fix=fix)
+    return fit
 
 
 def gyro_calibration(data: Measurements, fit: GyroFit) -> Calibration:

@@ -22,17 +22,18 @@ from trimtab.analysis.identify.flight_data import (
     find_grid,
     lay_on_grid,
     mean_input,
+    refuse_copies,
 )
 from trimtab.analysis.identify.maximum_likelihood import (
     LikelihoodEstimate,
     Model,
     Timeline,
+    compare_flights,
     compile_likelihood,
     maximise_likelihood,
     name_collinear,
     profile_intervals,
 )
-from trimtab.core.errors import InputError
 from trimtab.core.integrate import rk4
 from trimtab.core.quantity import Quantity, leaves
 from trimtab.core.record import replace, to_arrays, with_leaf
@@ -51,14 +52,12 @@ LEAST_PROCESS = math.log(1e-8)
 """Logarithm of the smallest process noise intensity: every model is assumed to err by 0.1 mm/s or 0.1 mrad/s in 1 s."""
 HORIZON = 1.0
 """Prediction horizon (s) at which a fitted model is compared with the measurements."""
-
-
 EXPLAINED = 0.5
 """Largest rms prediction error of a field, as a fraction of the field's rms change, if the model explains the field."""
-
-
 CORRELATED = 0.5
 """Correlation of successive innovations above which the sensor's errors count as correlated in time."""
+AGREEING = 1e-4
+"""Significance level. At a smaller p-value, a flight disagrees with the other flights."""
 
 
 class Identified(NamedTuple):
@@ -73,6 +72,7 @@ class Identified(NamedTuple):
     correlated: fields with a large correlation of successive innovations -> correlation. Only listed if a field is
     unexplained. The sensor errors are then not white noise, and the fit attributes the law's reaction to the errors to
     the vehicle.
+    disagreeing: name of a fitted flight that does not agree with the others on the parameters -> p-value.
     held_out: field -> rms prediction errors over the time `HORIZON` in flights that were not fitted, with nominal and
     with fitted parameters.
     """
@@ -90,10 +90,12 @@ class Identified(NamedTuple):
     covariance: Any
     unexplained: Mapping[str, tuple[float, float]] = {}
     correlated: Mapping[str, float] = {}
+    disagreeing: Mapping[str, float] = {}
 
-    def unidentifiable(self) -> frozenset[str]:
-        """Return the paths of the parameters that the data cannot determine."""
-        return frozenset(name for group in self.groups for name in group)
+    def unidentifiable(self) -> set[str]:
+        """Return the paths of the parameters that the data cannot determine, alone or at all."""
+        unbounded = {p.path for p, i in zip(self.parameters, self.intervals, strict=True) if not np.isfinite(i).any()}
+        return unbounded.union(*self.groups)
 
 
 def identify(
@@ -115,6 +117,7 @@ def identify(
 
     Raises: InputError for parameters that can't be fitted.
     """
+    refuse_copies(flights, held_out)
     (found,) = _identify_groups(scenario, [flights], paths, held_out, tell)
     return found
 
@@ -183,6 +186,7 @@ def _identify_group(
         covariance * np.outer(unit, unit),
         unexplained,
         world.find_correlated(timeline, found.p) if unexplained else {},
+        world.find_disagreeing(flights, timeline, found, {name for group in groups for name in group}),
     )
 
 
@@ -260,7 +264,7 @@ class _IdentifiedWorld:
     ) -> dict[str, tuple[float, float]]:
         """Return field -> rms prediction errors over the time `HORIZON`, with nominal and with fitted parameters."""
         timeline = self.timeline(flights)
-        when = np.concatenate([np.cumsum(np.where(b, 0.0, h)) for h, b in _stretches(timeline)])
+        when = np.concatenate([np.cumsum(np.where(b, 0.0, h)) for h, b in timeline.segments()])
         rows: dict[str, list[float]] = {self.fields[i]: [] for i in self.measured}
 
         for p in (nominal, fitted):
@@ -311,6 +315,16 @@ class _IdentifiedWorld:
             if correlation > CORRELATED:
                 found[self.fields[i]] = correlation
         return found
+
+    def find_disagreeing(
+        self, flights: Sequence[FlightData], timeline: Timeline, found: LikelihoodEstimate, unidentifiable: set[str]
+    ) -> dict[str, float]:
+        """Return the flights that disagree with the others on the identifiable parameters, with their p-values."""
+        low, high = self.bounds()
+        kept = (found.p > low) & (found.p < high) & (np.arange(len(found.p)) < len(self.parameters))
+        kept[: len(self.parameters)] &= [p.path not in unidentifiable for p in self.parameters]
+        chances = compare_flights(self.likelihood, timeline, found.p, kept)
+        return {f.name: chance for f, chance in zip(flights, chances, strict=True) if chance < AGREEING}
 
     def noise_of(self, p: Any) -> tuple[dict[str, float], dict[str, float]]:
         """Return standard deviation of the measurements of each field, and process noise intensity of each field."""
@@ -368,29 +382,19 @@ class _IdentifiedWorld:
             y = flight.y[:, list(self.measured)]
             there = np.isfinite(y).any(1)
             ticks, y = flight.ticks[there], y[there]
-            if len(ticks) < 20:
-                problem = f"{len(ticks)} measurements of the vehicle's state are too few; at least 20 are needed"
-                raise InputError(f"log {flight.name!r}", problem, fix="give a flight of at least several seconds")
             instants, at = fill_gaps(ticks)
             h = np.diff(instants, prepend=instants[0]) / UNITS_PER_SECOND
             begins = np.zeros(len(instants), bool)
-            begins[
-                at[np.flatnonzero(np.diff(ticks, prepend=-np.iinfo(np.int64).max // 2) > GAP * UNITS_PER_SECOND)]
-            ] = True
+            begins[at[1:][np.diff(ticks) > GAP * UNITS_PER_SECOND]] = True
             begins[0] = True
             values, seen = np.zeros((len(instants), y.shape[1])), np.zeros((len(instants), y.shape[1]), bool)
             values[at], seen[at] = np.nan_to_num(y), np.isfinite(y)
             first = np.tile(self.initial, (len(instants), 1))
             first[:, list(self.measured)] = values
-            rows.append((np.where(begins, 0.0, h), begins, values, seen, first))
+            owner = np.full(len(instants), len(rows))
+            rows.append((np.where(begins, 0.0, h), begins, values, seen, first, owner))
             commanded = lay_on_grid(self.grid, flight)
             given = commanded if self._fits_actuators() else actuate(self.world.actuators, self.grid, commanded)
             drive.append((given, (instants - commanded.t[0]) / self.grid))
-        h, begins, y, seen, first = (np.concatenate(v) for v in zip(*rows, strict=True))
-        return Timeline(h, begins, y, seen, first, drive)
-
-
-def _stretches(timeline: Timeline) -> list[tuple[Any, Any]]:
-    starts = np.flatnonzero(timeline.begins)
-    ends = [*starts[1:], len(timeline.h)]
-    return [(timeline.h[a:b], timeline.begins[a:b]) for a, b in zip(starts, ends, strict=True)]
+        h, begins, y, seen, first, owner = (np.concatenate(v) for v in zip(*rows, strict=True))
+        return Timeline(h, begins, y, seen, first, drive, owner)

@@ -25,6 +25,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from scipy.special import chdtrc
 
 jax.config.update("jax_enable_x64", True)
 
@@ -50,7 +51,8 @@ class Timeline(NamedTuple):
     h: time (s) since the previous instant (n,), 0 where a segment begins.  begins: (n,) bool, True at the first instant
     of a segment.
     y: measurements (n, k).  seen: (n, k) bool, True where y was measured.  first: initial state
-    (n, d), used only where a segment begins.  drive: data from which the model computes the inputs.
+    (n, d), used only where a segment begins.  drive: data from which the model computes the inputs.  owner: number of
+    the flight (n,), from 0.
     """
 
     h: Any
@@ -59,6 +61,13 @@ class Timeline(NamedTuple):
     seen: Any
     first: Any
     drive: Any = ()
+    owner: Any = ()
+
+    def segments(self) -> list[tuple[Any, Any]]:
+        """Return `h` and `begins` of each segment."""
+        starts = np.flatnonzero(self.begins)
+        ends = [*starts[1:], len(self.h)]
+        return [(self.h[a:b], self.begins[a:b]) for a, b in zip(starts, ends, strict=True)]
 
 
 class Model(NamedTuple):
@@ -284,6 +293,28 @@ def profile_intervals(
         reach = moved[row, :, i] - p[i]
         ends[row] = p[i] + _end_of_interval(reach, fall[row], -1), p[i] + _end_of_interval(reach, fall[row], 1)
     return ends
+
+
+def compare_flights(likelihood: CompiledLikelihood, timeline: Timeline, p: Any, kept: Any) -> list[float]:
+    """Return for each flight the p-value of the test that its parameters are those of all flights.
+
+    The gradient of the flight's log likelihood is compared with its covariance, the information matrix (score test).
+    The other unknowns, e.g. the variances of the noise, may differ from flight to flight.
+
+    Args:
+        likelihood: compiled likelihood of the model.  timeline: the flights.
+        p: estimate from all flights (m,).
+        kept: (m,) bool, True for the parameters that must be equal.
+    """
+    chances = [1.0]
+    for flight in range(int(timeline.owner[-1]) + 1) if timeline.owner[-1] and kept.any() else ():
+        only = timeline._replace(seen=timeline.seen & (timeline.owner == flight)[:, None])
+        _, g, information = (np.asarray(v) for v in likelihood.score(only, p))
+        A, B, C = (information[np.ix_(a, b)] for a, b in ((kept, kept), (kept, ~kept), (~kept, ~kept)))
+        gain = B @ np.linalg.pinv(C, hermitian=True)
+        g, A = g[kept] - gain @ g[~kept], A - gain @ B.T
+        chances.append(float(chdtrc(len(g), max(g @ np.linalg.pinv(A, hermitian=True) @ g, 0.0))))
+    return chances[1:] or chances
 
 
 def name_collinear(information: Any, names: list[str]) -> list[tuple[str, ...]]:

@@ -15,15 +15,17 @@ from trimtab.core.rotation import DEG
 from trimtab.logs.measurements import MeasuredColumn, Measurements, name_lines
 from trimtab.loop.calibration import Calibration, Covariance, Entry
 
+RUDDER_MAX = 60 * DEG
+"""Largest plausible rudder angle (rad). Beyond it, the formula for the loss of thrust is not valid."""
 WAY = MeasuredColumn("way", "1", "approach of the angle: 1 from below, -1 from above", -1, 1, needed=False)
 """Column for the direction from which an angle was approached. With this column, the linkage's play is fitted."""
 SERVO_COLUMNS = (
     MeasuredColumn("pulse", "s", "pulse width of the servo", 0.5e-3, 2.5e-3, usual="us"),
-    MeasuredColumn("angle", "rad", "rudder angle on the protractor", -np.pi / 2, np.pi / 2, most=2 * DEG, usual="deg"),
+    MeasuredColumn("angle", "rad", "rudder angle on the protractor", -RUDDER_MAX, RUDDER_MAX, 2 * DEG, usual="deg"),
     WAY,
 )
 HULL_COLUMNS = (
-    MeasuredColumn("rudder", "rad", "rudder angle", -np.pi / 2, np.pi / 2, most=2 * DEG, usual="deg"),
+    MeasuredColumn("rudder", "rad", "rudder angle", -RUDDER_MAX, RUDDER_MAX, most=2 * DEG, usual="deg"),
     MeasuredColumn(
         "hull", "rad", "angle of the thrust, from the hull's x axis", -np.pi / 2, np.pi / 2, most=1 * DEG, usual="deg"
     ),

@@ -10,16 +10,16 @@ import numpy as np
 
 from trimtab.analysis.identify.inertia import LinearPortion, lateral_force, moment_of_inertia
 from trimtab.analysis.identify.regression import LinearFit, fit_linear
-from trimtab.analysis.identify.rudder import source_of
+from trimtab.analysis.identify.rudder import RUDDER_MAX, source_of
 from trimtab.core.errors import InputError, argument_name
 from trimtab.core.rotation import DEG
 from trimtab.logs.measurements import MeasuredColumn, Measurements
 from trimtab.loop.calibration import Calibration, Entry, student_reach
 
 TRIAL_COLUMNS = (
-    MeasuredColumn("rudder", "rad", "constant rudder angle", -np.pi / 2, np.pi / 2, most=2 * DEG, usual="deg"),
+    MeasuredColumn("rudder", "rad", "constant rudder angle", -RUDDER_MAX, RUDDER_MAX, most=2 * DEG, usual="deg"),
     MeasuredColumn("force", "N", "constant thrust", -100, 100, most=0.02),
-    MeasuredColumn("slope", "rad/s^2", "initial slope of the yaw rate", -1000, 1000),
+    MeasuredColumn("slope", "rad/s^2", "initial slope of the yaw rate", -1000, 1000, most=0.01),
 )
 SPIN_UP_COLUMNS = (
     MeasuredColumn("time", "s", "time; the log must start before the craft is released"),

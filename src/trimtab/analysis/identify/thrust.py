@@ -10,14 +10,14 @@ import numpy as np
 from scipy.special import chdtrc, stdtrit
 
 from trimtab.analysis.identify.regression import LinearFit, fit_linear
-from trimtab.analysis.identify.rudder import refuse_few, source_of
+from trimtab.analysis.identify.rudder import RUDDER_MAX, refuse_few, source_of
 from trimtab.core.errors import InputError
 from trimtab.core.rotation import DEG
 from trimtab.logs.measurements import MeasuredColumn, Measurements
 from trimtab.loop.calibration import Calibration, Covariance, Entry, index_name
 
 THRUST_COLUMNS = (
-    MeasuredColumn("rudder", "rad", "rudder angle", -np.pi / 2, np.pi / 2, usual="deg"),
+    MeasuredColumn("rudder", "rad", "rudder angle", -RUDDER_MAX, RUDDER_MAX, usual="deg"),
     MeasuredColumn("speed", "rpm", "speed of the fan", 0, 60_000, most=1000),
     MeasuredColumn("force", "N", "thrust, read from the gauge", -0.5, 100, most=0.02),
 )
@@ -37,6 +37,8 @@ DIVISIONS = 1.5
 """Largest difference of two forces, in scale divisions of the gauge, at which the gauge may show equal readings."""
 RISE = 0.5
 """Smallest plausible rise of the force with the square of the speed, as a fraction of the fitted coefficient."""
+SWEEP, SWEPT = 5, 2 * DEG
+"""Number of different rudder angles from which on their range must exceed `SWEPT` (rad), to detect a wrong unit."""
 UNLIKELY = 0.001
 """Significance level. At a smaller p-value, the thrust is considered not proportional to cos(theta - offset)."""
 CUBIC = 4
@@ -72,10 +74,13 @@ def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
         data: readings with the columns `THRUST_COLUMNS`.
         offset: rudder angle at which the thrust is largest (rad), from `rudder.fit_hull_angle`.
 
-    Raises: InputError if there are too few readings, or if the gauge was saturated.
+    Raises: InputError if there are too few readings, if the gauge was saturated, or if the angles hardly differ.
     """
     refuse_few(data, 2, "a quadratic")
     theta, n, F = data["rudder"], data["speed"] * 1e-3, data["force"]
+    if len(np.unique(theta)) >= SWEEP and np.ptp(theta) < SWEPT:
+        problem = f"column 'rudder' has {len(np.unique(theta))} angles, but all are within {np.ptp(theta) / DEG:.2g}°"
+        raise InputError(f"file {data.file!r}", problem, fix="check the unit in the heading: rudder [deg]")
     eta = np.cos(theta - offset)
     refuse_saturation(data, "force", n * n * eta)
     fit = fit_linear((n * n * eta)[:, None], F)

@@ -1,6 +1,7 @@
 """Conversion of a table of a foreign log to samples of a sensor: selected, sorted by time, and in SI units."""
 
-from collections.abc import Iterable
+import functools
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
 from trimtab.core.suggestions import closest
-from trimtab.core.time import UNITS_PER_SECOND
+from trimtab.core.time import FOREVER, UNITS_PER_SECOND
 from trimtab.core.units import UNITS, find_size, find_unit
 from trimtab.logs.foreign.mapping import FieldMap, GeodeticMap, TopicMap
 from trimtab.logs.foreign.tables import Table
@@ -24,11 +25,13 @@ EQUATOR, FLATTENING = 6378137.0, 1 / 298.257223563
 class Conversion(NamedTuple):
     """Converted samples of a sensor.
 
-    counts: numbers of all rows, and of rows that are not finite, out of order, or duplicate.
+    counts: numbers of all rows, and of rows that are not finite, out of order, or duplicate.  left_out: description of
+    the rows that are left out, or "".
     """
 
     series: SampleSeries
     counts: dict[str, int]
+    left_out: str = ""
 
 
 def convert_table(where: str, table: Table, mapping: TopicMap) -> Conversion:
@@ -57,14 +60,21 @@ def convert_table(where: str, table: Table, mapping: TopicMap) -> Conversion:
         placed = _place(where, table, mapping.geodetic, chosen)
         values |= placed
         declared |= {name: Quantity("m", f"{name}, from latitude, longitude and altitude.") for name in placed}
-    counts = {"rows": len(ticks)}
-    ticks, values, counts["not_finite"] = _keep_finite(where, ticks, values)
-    values = {name: array.astype(declared[name].dtype()) for name, array in values.items()}
-    ticks, values, counts["out_of_order"], counts["duplicates"] = _order_rows(where, ticks, values, mapping)
+    sound = _find_finite(where, values)
+    gaps = [name for name, array in values.items() if not np.isfinite(array).all()]
+    values = {name: array[sound].astype(declared[name].dtype()) for name, array in values.items()}
+    at = functools.partial(_name_rows, table, chosen[sound])
+    ticks, values, disordered, again = _order_rows(where, ticks[sound], values, mapping, at)
+    counts = {"rows": len(chosen), "not_finite": int((~sound).sum()), "out_of_order": disordered}
+    counts["duplicates"] = len(again)
+    left = [(chosen[~sound], f"{' or '.join(gaps)} is empty or not finite")]
+    left += [(np.sort(chosen[sound][again]), "a row is repeated")]
+    texts = [f"{why} in {table.name_rows(rows)}" for rows, why in left if len(rows)]
+    share = f"{len(chosen) - len(ticks)} of {len(chosen)} rows are left out: {'; '.join(texts)}"
     for name, field in mapping.fields.items():
         if field.unwrap or field.quaternion:
             values[name] = np.unwrap(values[name], axis=0)
-    return Conversion(SampleSeries(ticks, values, declared), counts)
+    return Conversion(SampleSeries(ticks, values, declared), counts, share if texts else "")
 
 
 def _column(where: str, table: Table, name: str, key: str) -> Any:
@@ -106,14 +116,16 @@ def _read_ticks(where: str, table: Table, mapping: TopicMap) -> Any:
     if size is None:
         problem = f"{key} is in {unit!r}, which is not a unit of time" if unit else f"{key} has no unit"
         raise InputError(where, problem, choices=UNITS["s"], fix=f'time = {{field = "{field}", unit = "us"}}')
+    ticks = column.astype(np.float64) * (size * UNITS_PER_SECOND)
+    if not (np.abs(ticks) < FOREVER).all():
+        row = int(np.argmin(np.abs(ticks) < FOREVER))
+        problem = f"{table.name_rows([row])}, column {field!r}: the time is {column[row]:.9g} {unit}"
+        raise InputError(where, problem, fix="correct the time or its unit, or leave the row out")
     per_tick = round(1 / (size * UNITS_PER_SECOND)), round(size * UNITS_PER_SECOND)
     if column.dtype.kind in "iu":
         whole = column.astype(np.int64)
         return (whole // per_tick[0] if per_tick[0] > 1 else whole * per_tick[1]) + mapping.time.offset
-    if len(column) and not np.isfinite(column).all():
-        row = int(np.argmin(np.isfinite(column)))
-        raise InputError(where, f"row {row + 1} of {field!r} is {column[row]}", fix="leave rows without a time out")
-    return np.round(column * (size * UNITS_PER_SECOND)).astype(np.int64) + mapping.time.offset
+    return np.round(ticks).astype(np.int64) + mapping.time.offset
 
 
 def _convert_field(
@@ -173,24 +185,28 @@ def _place(where: str, table: Table, mapping: GeodeticMap, chosen: Any) -> dict[
     return placed
 
 
-def _keep_finite(where: str, ticks: Any, values: dict[str, Any]) -> tuple[Any, dict[str, Any], int]:
-    sound = np.ones(len(ticks), bool)
-    for array in values.values():
-        sound &= np.isfinite(array).reshape(len(ticks), -1).all(axis=1)
+def _name_rows(table: Table, chosen: Any, rows: Iterable[int]) -> str:
+    """Return as text the line numbers, or row numbers, of some of the chosen rows of a table."""
+    return table.name_rows(chosen[list(rows)])
+
+
+def _find_finite(where: str, values: Mapping[str, Any]) -> Any:
+    """Return a mask of the rows with only finite values. Raise InputError if there is no such row."""
+    sound = np.array([np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in values.values()]).all(axis=0)
     if not sound.any():
         bad = [name for name, array in values.items() if not np.isfinite(array).any()]
         raise InputError(where, f"no row has only finite values: {', '.join(bad or values)}", fix="map other columns")
-    return ticks[sound], {name: array[sound] for name, array in values.items()}, int((~sound).sum())
+    return sound
 
 
 def _order_rows(
-    where: str, ticks: Any, values: dict[str, Any], mapping: TopicMap
-) -> tuple[Any, dict[str, Any], int, int]:
-    """Return the rows sorted by time and without duplicates, and the numbers of rows out of order and of duplicates."""
+    where: str, ticks: Any, values: dict[str, Any], mapping: TopicMap, name_rows: Callable[[Iterable[int]], str]
+) -> tuple[Any, dict[str, Any], int, Any]:
+    """Return the rows sorted by time and without duplicates, the number of rows out of order, and the duplicates."""
     late = np.maximum.accumulate(ticks) - ticks
     if late.max() >= DISORDER:
         row = int(np.argmax(late >= DISORDER))
-        problem = f"the times jump back by {late[row] / UNITS_PER_SECOND:g} s at row {row + 1}"
+        problem = f"the times jump back by {late[row] / UNITS_PER_SECOND:g} s at {name_rows([row])}"
         raise InputError(where, problem, fix="cut the log there, or map a column of rising times")
     order = np.argsort(ticks, kind="stable")
     ticks, values = ticks[order], {name: array[order] for name, array in values.items()}
@@ -200,11 +216,12 @@ def _order_rows(
         if other:
             k = other[0]
             problem = f"{len(other)} rows have the time of another row but a different {name}, the first at"
-            problem += f" {ticks[k] / UNITS_PER_SECOND:.7f} s: {array[k - 1]}, then {array[k]}"
+            problem += f" {ticks[k] / UNITS_PER_SECOND:.7f} s ({name_rows(order[k - 1 : k + 1])}): {array[k - 1]}, then"
+            problem += f" {array[k]}"
             fix = (
                 f"select the rows of one sensor: in {mapping.where}  where = {{I = 0}}; or map another column of times"
             )
             raise InputError(where, problem, fix=fix)
     keep = np.ones(len(ticks), bool)
     keep[again] = False
-    return ticks[keep], {name: array[keep] for name, array in values.items()}, int((late > 0).sum()), len(again)
+    return ticks[keep], {name: array[keep] for name, array in values.items()}, int((late > 0).sum()), order[again]

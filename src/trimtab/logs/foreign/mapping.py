@@ -25,7 +25,7 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.core.suggestions import closest
 from trimtab.core.time import parse_time
-from trimtab.core.units import find_unit
+from trimtab.core.units import UNITS, find_unit
 from trimtab.core.user_file import read_user_text
 
 TRUTH_SECTION = "truth"
@@ -176,7 +176,10 @@ def _parse_topic(where: str, table: Mapping[str, Any]) -> TopicMap:
 
 def _parse_time_map(where: str, table: Mapping[str, Any]) -> TimeMap:
     _check_keys(where, table, TIME_KEYS)
-    offset = parse_time(str(table.get("offset", 0)))
+    try:
+        offset = parse_time(str(table.get("offset", 0)))
+    except InputError as error:
+        raise InputError(f"{where}, offset", error.problem, choices=error.choices, fix='offset = "-20 ms"') from None
     return TimeMap(_take(where, table, "field", str, ""), _take(where, table, "unit", str, ""), offset)
 
 
@@ -201,12 +204,12 @@ def _parse_field(where: str, table: Mapping[str, Any]) -> FieldMap:
     single = is_quaternion or isinstance(source, str)
     unit = _take(where, table, "unit", str, None)
     if unit is not None:
-        find_unit(f"{where}, unit", unit)
+        _check_unit(f"{where}, unit", unit, "rad" if is_quaternion else None)
     size = 1 if single else len(columns)
     return FieldMap(
         columns=columns,
         unit=unit,
-        sign=_components(where, "sign", table.get("sign", 1), size),
+        sign=_parse_sign(where, table.get("sign", 1), size),
         offset=_components(where, "offset", table.get("offset", 0), size),
         single=single,
         quaternion=is_quaternion,
@@ -224,12 +227,26 @@ def _parse_geodetic(where: str, table: Mapping[str, Any]) -> GeodeticMap:
         raise InputError(where, problem, fix="origin = [latitude, longitude] in degrees, or with altitude in m")
     units = {key: _take(where, table, key, str, default) for key, default in (("unit", "deg"), ("altitude_unit", "m"))}
     for key, unit in units.items():
-        find_unit(f"{where}, {key}", unit)
+        _check_unit(f"{where}, {key}", unit, "m" if key == "altitude_unit" else "rad")
     for key in ("latitude", "longitude"):
         if key not in table:
             raise InputError(where, f"has no {key}", fix='geodetic = {latitude = "Lat", longitude = "Lng"}')
     names = {key: _take(where, table, key, str, "") for key in ("latitude", "longitude", "altitude")}
     return GeodeticMap(**names, **units, origin=origin)
+
+
+def _check_unit(where: str, unit: str, stored: str | None) -> None:
+    """Raise InputError for an unknown unit, or for a unit that cannot be converted to the unit `stored`."""
+    found = find_unit(where, unit).name
+    if stored is not None and found != stored:
+        raise InputError(where, f"{unit!r} is not a unit of this quantity", choices=UNITS[stored], fix="use a choice")
+
+
+def _parse_sign(where: str, value: Any, size: int) -> Any:
+    sign = _components(where, "sign", value, size)
+    if not np.all(sign):
+        raise InputError(where, f"sign must not be 0, got {value!r}", fix="sign = -1 for an axis of opposite direction")
+    return sign
 
 
 def _components(where: str, key: str, value: Any, size: int) -> Any:
@@ -248,6 +265,8 @@ def _numbers(where: str, key: str, value: Any) -> tuple[float, ...]:
     several: list[Any] = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [None]  # pyright: ignore[reportUnknownArgumentType]
     if any(isinstance(v, bool) or not isinstance(v, int | float) for v in several):
         raise InputError(where, f"{key} = {value!r} is not a list of numbers", fix=f"{key} = [1, -1, -1]")
+    if not np.isfinite(several).all():
+        raise InputError(where, f"{key} must be finite, got {value!r}", fix=f"write finite numbers in {key}")
     return tuple(several)
 
 

@@ -13,7 +13,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.time import to_seconds
 from trimtab.core.units import find_size
 from trimtab.core.user_file import open_user_file
-from trimtab.logs.contents import MAGIC, parse_contents
+from trimtab.logs.contents import MAGIC, OWN_START, parse_contents
 from trimtab.logs.csv_table import read_table, time_unit
 from trimtab.logs.foreign.ardupilot import list_bin, read_bin
 from trimtab.logs.foreign.convert import convert_table
@@ -52,7 +52,7 @@ def _read_table(path: Path) -> Table:
     time = next((name for name in columns if time_unit(name) is not None), "")
     problems = {column.name: column.problem for column in table.columns if column.problem}
     seconds = time and time not in problems and not usual_period(columns[time]) > PERIOD_MAX
-    return Table(columns, said, time, said.get(time, "s" if seconds else ""), problems)
+    return Table(columns, said, time, said.get(time, "s" if seconds else ""), problems, table.lines)
 
 
 class LogFormat(NamedTuple):
@@ -113,14 +113,17 @@ def detect_format(path: str | os.PathLike[str]) -> LogFormat:
 
 
 def is_own_log(path: str | os.PathLike[str]) -> bool:
-    """Return True for a log of trimtab, and also for a file of unknown format, so that `read_mcap` reports a
-    problem."""
+    """Return True for a log of trimtab, even if it is cut before its description, and also for a file of unknown
+    format, so that `read_mcap` reports a problem."""
     try:
         kind = detect_format(path)
         if kind is not MCAP:
             return False
         with open_user_file(path) as stream:
-            return bool(parse_contents(path, stream.read(HEAD_BYTES)).metadata.keys() & {LAYOUT, RUN})
+            head = stream.read(HEAD_BYTES)
+        if head.startswith(OWN_START) or OWN_START.startswith(head):
+            return True
+        return bool(parse_contents(path, head).metadata.keys() & {LAYOUT, RUN})
     except InputError:
         return True
 
@@ -139,7 +142,8 @@ def read_foreign(path: str | os.PathLike[str], mapping: str | os.PathLike[str] |
 
     The metadata of the result contain the format, the mapping, and the time of the first row on the clock of the
     foreign log (``start_s``). The entry ``converted`` contains, for each sensor, the number of rows, and the numbers of
-    rows that are out of order, duplicate or not finite.
+    rows that are out of order, duplicate or not finite. The entry ``left_out`` describes, for each sensor, the rows
+    that are left out.
 
     Args:
         path: path of a ULog, BIN, MCAP, bag or CSV file, or of the folder of a rosbag2.
@@ -160,10 +164,14 @@ def read_foreign(path: str | os.PathLike[str], mapping: str | os.PathLike[str] |
     tables = kind.read_topics(file, {one.topic for one in every.values()})
     series: dict[str, SampleSeries] = {}
     counts: dict[str, Any] = {}
+    left: dict[str, str] = {}
     for name, one in every.items():
         topic = f", topic {one.topic!r}" if one.topic else ""
-        series[name], counts[name.strip("[]")] = convert_table(name_file(file) + topic, tables[one.topic], one)
+        plain = name.strip("[]")
+        series[name], counts[plain], text = convert_table(name_file(file) + topic, tables[one.topic], one)
+        left |= {plain: text} if text else {}
     truth = series.pop(f"[{TRUTH}]", None)
     start = min(int(s.ticks[0]) for s in series.values())
     about = {"file": file.name, "format": kind.name, "start_s": float(to_seconds(start))}
+    about |= {"left_out": left} if left else {}
     return log_samples(series, truth, about | {"converted": counts, "mapping": chosen.content})

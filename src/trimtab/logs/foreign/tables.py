@@ -10,6 +10,7 @@ import numpy as np
 from trimtab.core.errors import InputError, install_command
 from trimtab.core.suggestions import closest
 from trimtab.core.time import FOREVER
+from trimtab.logs.measurements import name_lines
 
 LOG_TIME = "log_time"
 """Name of the column with the time (ns) at which a message was recorded, if the format has such a time."""
@@ -22,7 +23,8 @@ class Table(NamedTuple):
 
     columns: name -> values (n,), with the data type in the file.  units: name of a column -> unit, if the file states
     units.  time: name of the usual time column, or "".  time_unit: unit of this column.  problems: name of a column ->
-    reason why the column has no numbers, with the line number in the file if known.
+    reason why the column has no numbers, with the line number in the file if known.  lines: line number in the file of
+    each row, for a file of text.
     """
 
     columns: Mapping[str, Any]
@@ -30,6 +32,13 @@ class Table(NamedTuple):
     time: str = ""
     time_unit: str = ""
     problems: Mapping[str, str] = {}
+    lines: Sequence[int] = ()
+
+    def name_rows(self, rows: Iterable[int]) -> str:
+        """Return the line numbers or row numbers of some of the rows as text, e.g. "lines 4, 7 and 12"."""
+        if self.lines:
+            return name_lines([self.lines[row] for row in rows])
+        return name_lines([row + 1 for row in rows]).replace("line", "row")
 
 
 class TopicSummary(NamedTuple):
