@@ -39,6 +39,9 @@ RANDOM = ("jitter", "loss")
 STEPWISE = ("speed-steps",)
 """Imperfections of actuators that are step functions. They are switched off for the linearisation, because a step has
 no derivative."""
+FINE = 1e-12
+"""Tolerance of an integration with variable steps. Its errors must be small compared with the displacements from rest
+at which corners are searched."""
 REST = 1e-7
 """Tolerance for a loop at rest: largest change of a state over one period of the loop, relative to max(1, |state|)."""
 
@@ -109,6 +112,9 @@ def _prepare_loop(scenario: Scenario, direct: bool, off: tuple[str, ...]) -> Sce
     for name in STEPWISE:
         if name in imperfections(world.actuators):
             world = replace(world, actuators=without(world.actuators, name))
+    if (fine := world.integration) is not None:
+        tolerances = {name: jnp.minimum(getattr(fine, name), FINE) for name in ("relative", "absolute")}
+        world = replace(world, integration=replace(fine, **tolerances))
     autopilot = replace(autopilot, supervisor=None, monitor=None)
     if direct:
         neutral = world.actuators.neutral().u
@@ -158,10 +164,14 @@ def _find_period(loop: Scenario) -> tuple[int, int, int]:
 
 
 class _Tick:
-    """Step of a loop by one instant, and the derivatives of this step."""
+    """Step of a loop by one instant, and the derivatives of this step.
+
+    The report of the integration is not a state of the loop: each instant begins with the first report.
+    """
 
     def __init__(self, loop: Scenario, tick: int) -> None:
         self.loop, self.tick = loop, tick
+        self._report: Any = ()
         self._fly: Any = jax.jit(self._many, static_argnums=3, compiler_options=FAST_COMPILE_OPTIONS)
         self._slopes: Any = jax.jit(self._differentiate, static_argnums=3, compiler_options=FAST_COMPILE_OPTIONS)
 
@@ -171,7 +181,9 @@ class _Tick:
 
     def start(self, x: Any) -> tuple[Any, Any]:
         """Return the initial states of world and autopilot. x: initial state of the vehicle."""
-        return start(self.loop.world, self.loop.autopilot, x, Key(np.uint32(0), np.uint32(0)))
+        s, a = start(self.loop.world, self.loop.autopilot, x, Key(np.uint32(0), np.uint32(0)))
+        self._report = s.integrated
+        return replace(s, integrated=()), a
 
     def fly(self, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any, int]:
         """Return the states of world and autopilot, and the time (100 ns), after `count` instants."""
@@ -205,7 +217,8 @@ class _Tick:
         new = step_if(due, lambda: autopilot.step(t, a, frame)[0], lambda: autopilot.hold(t, a))
         c = _vector(new.command.value)
         command = new.command if v is None else replace(new.command, value=_like_vector(new.command.value, v))
-        acted = world.advance(t, world.act(clock, seen, command, due), np.int64(self.tick))
+        acted = replace(world.act(clock, seen, command, due), integrated=self._report)
+        acted = replace(world.advance(t, acted, np.int64(self.tick)), integrated=())
         return cast_like(acted, s), cast_like(new, a), c
 
     def _many(self, s: Any, a: Any, t: Any, count: int) -> tuple[Any, Any]:
