@@ -71,7 +71,7 @@ def command(
     if as_json:
         print_json({"scenario": scenario, "seed": seed, "runs": runs} | _budget_json(budget), files)
         return
-    _print_budget(f"{built.name}, {runs} runs from seed {seed}", budget)
+    _print_budget(f"{scenario}, {runs} runs from seed {seed}", budget)
     print_files(files)
 
 
