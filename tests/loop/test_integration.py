@@ -109,6 +109,8 @@ def test_bounces_are_located_to_rounding_error(method):
 def test_events_are_located_without_an_integration_setting():
     log = simulate(fall(Ball(), START, s=2), backend="jax")
     assert log.final["truth.z"] == pytest.approx(bounces(0.8, 2.0)[0], abs=1e-12)
+    same = simulate(fall(Ball(), START, PLAIN_STEP, s=2), backend="jax")
+    np.testing.assert_array_equal(log["world.integration_error"], same["world.integration_error"])
 
 
 def test_several_events_in_one_step_are_located_and_overflow_reported():
