@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from trimtab.core.errors import InputError, argument, argument_name, command, spell_with
@@ -96,6 +97,8 @@ def build(
     if not isinstance(scenario, Scenario):
         problem = f"the function must return a Scenario, got {type(scenario).__name__}"
         raise InputError(f"scenario {name!r}", problem, fix="return Scenario(world=…, autopilot=…) from this function")
+    if ":" in name and scenario.name == Scenario.__dataclass_fields__["name"].default:
+        scenario = replace(scenario, name=Path(name).name)  # the file and the function, without the folder
     if "navigation" in rest:
         _refuse_navigation(name)
     scenario, own = with_parts(scenario, {path: text for path, text in rest.items() if path not in SPECIAL})
