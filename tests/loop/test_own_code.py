@@ -15,7 +15,7 @@ from loop.falling import Ball, HeightState
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Estimator
 from trimtab.core.record import part, quantity, record, replace
-from trimtab.core.signals import Estimate, Sample, new_sample, no_motion
+from trimtab.core.signals import Estimate, Frame, Sample, new_sample, no_motion
 from trimtab.loop.own_code import describe_fault
 from trimtab.loop.structure import (
     check_members,
@@ -247,6 +247,16 @@ def test_rejects_faulty_events_jump_and_after_step(name, method, said):
     own = record(type("Own", (Ball,), {name: method, "__doc__": "A ball. Source: this test.", "__annotations__": {}}))
     with pytest.raises(InputError, match=f"test_own_code.py:.*{re.escape(said)}"):
         check_vehicle(own(), HeightState(), None)
+
+
+def test_missing_sensor_in_frame_is_reported_with_the_sensors():
+    frame = Frame(t=0, samples={"odometry": 1.0, "fix": 2.0})
+    with pytest.raises(InputError, match=r"test_own_code.py:\d+: the frame has no sensor 'fx'") as refused:
+        zeros_of("autopilot.estimator", "world.sensors", lambda frame: frame.samples["fx"], frame)
+    assert set(refused.value.choices) == {"odometry", "fix"}
+    assert refused.value.fix == "write samples['fix']"
+    with pytest.raises(InputError, match="KeyError: 'fx'"):
+        zeros_of("autopilot.law", "the estimate", lambda x: {}["fx"], Point(1.0))
 
 
 def test_rejects_a_law_output_with_none():
