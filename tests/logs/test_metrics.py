@@ -204,6 +204,7 @@ def test_targets_are_checked_against_shapes_of_signals():
         check_targets([Target(path, 1.0, 0.1) for path in paths], shapes, shapes.__getitem__)
 
     check("truth.place[1]", "heading")
+    check_targets([Target("truth.place[1]", 1.0, 0.1)], ["truth.place[1]"], lambda path: ())
     with pytest.raises(InputError, match=r"'truth.place' has shape \(2,\), but a target needs one number") as refused:
         check("truth.place")
     assert refused.value.fix == "Target('truth.place[0]', 1, band=0.1)"

@@ -63,6 +63,7 @@ def check_targets(
     for target in targets:
         path = full_path(target.path)
         whole = split_component(path)[0]
+        whole = path if path in paths else whole  # a log may contain an element of a vector as a signal of its own
         numbers = component_paths(whole, shape_of(whole)) if whole in paths else []
         if path in seen:
             raise InputError("targets", f"there are two targets for {path!r}", fix="keep one target for each signal")
