@@ -94,11 +94,7 @@ def build(
     scenario, rest = catalogue.load_scenario(
         name, {n: text for n, text in settings.items() if n != REFERENCE or not path}
     )
-    if not isinstance(scenario, Scenario):
-        problem = f"the function must return a Scenario, got {type(scenario).__name__}"
-        raise InputError(f"scenario {name!r}", problem, fix="return Scenario(world=…, autopilot=…) from this function")
-    if ":" in name and scenario.name == Scenario.__dataclass_fields__["name"].default:
-        scenario = replace(scenario, name=Path(name).name)  # the file and the function, without the folder
+    scenario = _name_after_file(name, scenario)
     if "navigation" in rest:
         _refuse_navigation(name)
     scenario, own = with_parts(scenario, {path: text for path, text in rest.items() if path not in SPECIAL})
@@ -187,6 +183,19 @@ def _build_file(
     if file.targets:
         changes["targets"] = tuple(file.parse_target(target, signal_units(scenario)) for target in file.targets)
     return replace(scenario, **changes)
+
+
+def _name_after_file(name: str, scenario: Any) -> Scenario:
+    """Return the scenario that a function returned. Without a name of its own, it is named FILE.py:FUNCTION.
+
+    Raise InputError if the function did not return a scenario.
+    """
+    if not isinstance(scenario, Scenario):
+        problem = f"the function must return a Scenario, got {type(scenario).__name__}"
+        raise InputError(f"scenario {name!r}", problem, fix="return Scenario(world=…, autopilot=…) from this function")
+    if ":" in name and scenario.name == Scenario.__dataclass_fields__["name"].default:
+        return replace(scenario, name=Path(name).name)
+    return scenario
 
 
 def _refuse_gaps(name: str, scenario: Scenario, settings: Iterable[str]) -> None:
