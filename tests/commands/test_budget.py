@@ -2,10 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
+from trimtab.commands.budget import _format_rms
 
 NAME = "hovercraft/forward"
 FEW = ("--only", "navigation-error", "--runs", "3", "--set", "duration=4 s")
@@ -55,3 +57,12 @@ def test_invalid_options_are_rejected_before_simulation(arguments, said):
     assert result.exit_code == 2
     for text in said:
         assert text in result.stderr
+
+
+def test_small_errors_are_printed_with_significant_digits():
+    assert [_format_rms(*row) for row in ((7.314e-5, 1.2e-6), (0.0, 0.0), (0.25, 0.001), (np.inf, 0.0))] == [
+        "7.31e-05 ± 1e-06",
+        "0.0000 ± 0.0000",
+        "0.2500 ± 0.0010",
+        "inf ± 0.0000",
+    ]

@@ -77,6 +77,20 @@ def test_reports_closest_distance_between_swarm_craft():
     assert "closest" not in summarise_run(alone, [])
 
 
+def test_target_on_a_sensor_is_shown_for_the_real_run_only(capsys):
+    t, zeros = np.arange(0, ms(300), ms(100)), np.zeros(3)
+    logs = {
+        "real": Log(to_seconds(t), t, {"truth.x": zeros, "sensors.fix.value.x": zeros}),
+        "ideal": Log(to_seconds(t), t, {"truth.x": zeros}),
+    }
+    targets = [Target("sensors.fix.value.x", 0.0, 0.1), Target("truth.x", 0.0, 0.1)]
+    sides = {side: summarise_run(log, targets) for side, log in logs.items()}
+    assert {side: s["verdict"]["on_target"] for side, s in sides.items()} == {"real": True, "ideal": True}
+    units = {"sensors.fix.value.x": "m", "x": "m"}
+    print_result({"scenario": "own", "duration_s": 0.3, "seed": 0, **sides}, units)
+    assert "sensors.fix.value.x (m)   real" in capsys.readouterr().out
+
+
 def in_space(down, tilt=0.0):
     """A flight straight along north at a depth (m), rolled to starboard (rad)."""
     t = to_seconds(T)

@@ -166,6 +166,13 @@ def test_flight_from_file_is_replayed_with_scenario_option(flight):
     again = call("replay", folder / "run.mcap", "--scenario", f"{FILE}:hover")
     assert again.exit_code == 0, again.output
     assert "identical bit for bit" in again.output
+    same = call("compare", folder / "run.mcap", "--scenario", f"{FILE}:hover")
+    assert same.exit_code == 0, same.output
+
+
+def test_compare_of_two_logs_rejects_a_scenario():
+    refused = call("compare", FILE, FILE, "--scenario", "hovercraft/spin")
+    assert "--scenario: applies only to one log" in str(refused.exception) + refused.output
 
 
 def test_unknown_mav_type_is_rejected_before_run():

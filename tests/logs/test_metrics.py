@@ -8,7 +8,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
-from trimtab.logs.metrics import Target, full_path, metrics, mode_switches, nearest_target_value
+from trimtab.logs.metrics import Target, check_targets, full_path, metrics, mode_switches, nearest_target_value
 
 
 def logged(x, *, dt: float = 1.0, start: float = 0.0, kind: str = "real", name: str = "truth.x", **signals) -> Log:
@@ -191,10 +191,32 @@ def test_rejects_vectors_unknown_signals_and_duplicate_targets():
     log = logged([0.0, 1.0])
     with pytest.raises(InputError, match="not in this log"):
         metrics(log, [], ["yaw_rate"])
-    with pytest.raises(InputError, match="not in this log"):
+    with pytest.raises(InputError, match="target of 'heading': there is no such signal"):
         metrics(log, [Target("heading", 1.0, 0.1)], [])
     with pytest.raises(InputError, match="two targets"):
         metrics(log, [Target("truth.x", 1.0, 0.1), Target("truth.x", 2.0, 0.1)], [])
+
+
+def test_targets_are_checked_against_shapes_of_signals():
+    shapes = {"truth.place": (2,), "truth.heading": ()}
+
+    def check(*paths):
+        check_targets([Target(path, 1.0, 0.1) for path in paths], shapes, shapes.__getitem__)
+
+    check("truth.place[1]", "heading")
+    check_targets([Target("truth.place[1]", 1.0, 0.1)], ["truth.place[1]"], lambda path: ())
+    with pytest.raises(InputError, match=r"'truth.place' has shape \(2,\), but a target needs one number") as refused:
+        check("truth.place")
+    assert refused.value.fix == "Target('truth.place[0]', 1, band=0.1)"
+    with pytest.raises(InputError, match=r"target of 'truth.place\[2\]': 'truth.place' has shape"):
+        check("truth.place[2]")
+    with pytest.raises(InputError, match="there is no such signal") as refused:
+        check("truth")
+    assert refused.value.choices == ("truth.place", "truth.heading")
+
+
+def test_angle_of_a_diverged_run_is_not_on_target():
+    assert merits([1.0, -2.7e154], value=0.0, kind="angle")["settling_s"] is None
 
 
 @pytest.mark.parametrize(("value", "band"), [("20 kg", 0.1), (1.0, "3 cm"), (None, 0.1)])

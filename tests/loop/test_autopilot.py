@@ -8,9 +8,10 @@ import pytest
 from loop.cart import SECOND, Doubling, RulerReading, Speed, cart_autopilot
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import record
+from trimtab.core.record import record, replace
 from trimtab.core.rng import key
 from trimtab.core.signals import Frame, Sample
+from trimtab.estimators.passthrough import Passthrough
 from trimtab.loop.structure import strengthen_types
 
 
@@ -128,6 +129,13 @@ class Mute(Doubling):
 
 
 @record
+class OneName(Passthrough):
+    """An estimator whose sensors are a text. Source: this test."""
+
+    listens = "ruler"
+
+
+@record
 class Stubborn:
     """An allocation that reads a missing field of the demand. Source: this test."""
 
@@ -142,6 +150,10 @@ def test_mismatched_parts_raise_an_error_naming_both():
     first = frame(0, 0.0, valid=False)
     with pytest.raises(InputError, match=r"reads sensor 'ruler', but the world sends only \(tape\)"):
         cart_autopilot().init(key(0), Frame(first.t, {"tape": first.samples["ruler"]}))
+    text = replace(cart_autopilot(), estimator=OneName())
+    with pytest.raises(InputError, match=r"`listens` must be a tuple of sensor names, got a string") as refused:
+        text.init(key(0), first)
+    assert refused.value.fix == 'listens = ("ruler",)'
     with pytest.raises(
         InputError, match=r"reads 'xs', which the estimate of Passthrough does not(.|\n)*read 'x' instead"
     ):

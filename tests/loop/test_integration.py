@@ -13,7 +13,7 @@ from trimtab.commands.flight_summary import summarise_run
 from trimtab.core.errors import InputError
 from trimtab.core.record import record, replace
 from trimtab.core.time import ms, to_seconds
-from trimtab.loop.integration import PLAIN_STEP, Integration
+from trimtab.loop.integration import PLAIN_STEP, Integration, integrate_truth
 from trimtab.loop.settings import with_settings
 from trimtab.run.simulate import simulate_batch
 from trimtab.scenarios import catalogue
@@ -109,6 +109,8 @@ def test_bounces_are_located_to_rounding_error(method):
 def test_events_are_located_without_an_integration_setting():
     log = simulate(fall(Ball(), START, s=2), backend="jax")
     assert log.final["truth.z"] == pytest.approx(bounces(0.8, 2.0)[0], abs=1e-12)
+    same = simulate(fall(Ball(), START, PLAIN_STEP, s=2), backend="jax")
+    np.testing.assert_array_equal(log["world.integration_error"], same["world.integration_error"])
 
 
 def test_several_events_in_one_step_are_located_and_overflow_reported():
@@ -119,6 +121,24 @@ def test_several_events_in_one_step_are_located_and_overflow_reported():
     calm = simulate(fall(Ball(kept=0.9), low, Integration(), s=0.02))
     assert calm["world.events"][-1] == bounces_from(5e-6, 0.9, 0.01)
     assert not calm["world.crowded"].any()
+
+
+@record
+class TwoFloors(Ball):
+    """The ball of this test, with its events as an array. Source: this test."""
+
+    def events(self, t, x):
+        return jnp.stack([x.z + 1.0, x.z])
+
+    def jump(self, t, x, crossed):
+        return HeightState(0.0, jnp.where(crossed[1], -self.kept * x.w, x.w))
+
+
+def test_events_may_be_an_array():
+    low, first = HeightState(z=5e-6, w=0.0), PLAIN_STEP.first_report(2e-3)
+    ends = [integrate_truth(PLAIN_STEP, ball, None, 0.0, low, 2e-3, first) for ball in (Ball(), TwoFloors())]
+    assert [int(report.events) for _, report in ends] == [1, 1]
+    assert (float(ends[0][0].z), float(ends[0][0].w)) == (float(ends[1][0].z), float(ends[1][0].w))
 
 
 def bounces_from(z, kept, end):

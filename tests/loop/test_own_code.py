@@ -10,11 +10,12 @@ import jax.numpy as jnp
 import numpy
 import numpy as np
 import pytest
+from loop.falling import Ball, HeightState
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Estimator
 from trimtab.core.record import part, quantity, record, replace
-from trimtab.core.signals import Estimate, Sample, new_sample, no_motion
+from trimtab.core.signals import Estimate, Frame, Sample, new_sample, no_motion
 from trimtab.loop.own_code import describe_fault
 from trimtab.loop.structure import (
     check_members,
@@ -22,6 +23,7 @@ from trimtab.loop.structure import (
     check_output,
     check_record,
     check_state,
+    check_vehicle,
     first_state,
     refuse_missing_numbers,
     zeros_of,
@@ -227,6 +229,34 @@ def test_rejects_motion_of_wrong_shape():
     check_numbers("motion", Rounded.step, no_motion())
     with pytest.raises(InputError, match=r"p_WB of the Motion has shape \(2,\), but the shape must be \(3,\)"):
         check_numbers("motion", Rounded.step, replace(no_motion(), p_WB=np.zeros(2)))
+
+
+@pytest.mark.parametrize(
+    ("name", "method", "said"),
+    [
+        ("events", lambda self, t, x: (), "events() returns nothing"),
+        ("events", lambda self, t, x: x.height, "no attribute 'height'"),
+        ("events", lambda self, x: x.z, "must have the arguments (t, x)"),
+        ("jump", lambda self, t, x, crossed: HeightState(0.0, crossed), "has w of shape (1,)"),
+        ("jump", lambda self, t, x, crossed: x.w, "is a plain value with 1 number, but must be a HeightState"),
+        ("after_step", lambda self, t, x: 1.0 if x.z > 0 else x, "`if` depends on a traced value"),
+    ],
+)
+def test_rejects_faulty_events_jump_and_after_step(name, method, said):
+    method.__name__ = name
+    own = record(type("Own", (Ball,), {name: method, "__doc__": "A ball. Source: this test.", "__annotations__": {}}))
+    with pytest.raises(InputError, match=f"test_own_code.py:.*{re.escape(said)}"):
+        check_vehicle(own(), HeightState(), None)
+
+
+def test_missing_sensor_in_frame_is_reported_with_the_sensors():
+    frame = Frame(t=0, samples={"odometry": 1.0, "fix": 2.0})
+    with pytest.raises(InputError, match=r"test_own_code.py:\d+: the frame has no sensor 'fx'") as refused:
+        zeros_of("autopilot.estimator", "world.sensors", lambda frame: frame.samples["fx"], frame)
+    assert set(refused.value.choices) == {"odometry", "fix"}
+    assert refused.value.fix == "write samples['fix']"
+    with pytest.raises(InputError, match="KeyError: 'fx'"):
+        zeros_of("autopilot.law", "the estimate", lambda x: {}["fx"], Point(1.0))
 
 
 def test_rejects_a_law_output_with_none():

@@ -2,6 +2,7 @@
 
 from itertools import takewhile
 
+import jax
 import numpy as np
 import pytest
 from loop.falling import Ball, HeightState, fall
@@ -12,7 +13,7 @@ from trimtab.core.record import replace
 from trimtab.core.time import seconds
 from trimtab.flight.virtual_vehicle import instants
 from trimtab.loop.integration import Integration
-from trimtab.run.blocks import compile_autopilot, compile_world
+from trimtab.run.blocks import compile_autopilot, compile_world, loop_block
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
 
@@ -178,3 +179,10 @@ def test_compiled_steps_do_not_share_state(flown):
     for k in range(200):
         replay(other, log, k)
     np.testing.assert_array_equal(step.outputs, before)
+
+
+def test_loop_block_leaves_out_the_diagnostics_of_the_integration():
+    block = loop_block(fall(Ball(), HeightState()), frozenset())
+    output = jax.eval_shape(block.step, block.parameters, block.init(block.parameters), block.input)[1]
+    assert output.truth.z.shape == ()
+    assert jax.tree.leaves(output.world) == []

@@ -8,6 +8,7 @@ from examples.my_cart import Cart, CartState, scenario
 from trimtab.core.errors import InputError
 from trimtab.core.record import part, record, replace
 from trimtab.core.signals import no_motion
+from trimtab.loop.integration import Integration
 from trimtab.run.loop_corners import find_loop_corner
 from trimtab.run.loop_linearisation import linearise_loop
 
@@ -68,6 +69,15 @@ def test_states_without_a_command_are_neither_displaced_nor_compared():
     whole = [[0.0, 0.0], [0.0, 0.9]]
     assert find(change, whole, np.array([False, True])) is None
     assert find(change, whole) is not None
+
+
+@pytest.mark.thorough
+def test_loop_with_variable_integration_steps_is_linearised():
+    loop, steps = scenario(Cart()), Integration("rosenbrock")
+    plain = linearise_loop(loop, x=CartState())
+    found = linearise_loop(replace(loop, world=replace(loop.world, integration=steps)), x=CartState())
+    assert found.states == plain.states
+    np.testing.assert_allclose(found.A, plain.A, atol=1e-6)
 
 
 @record

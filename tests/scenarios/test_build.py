@@ -111,3 +111,24 @@ def test_build_does_not_import_scipy_optimisers():
         "import sys, trimtab.run.simulate; print([n for n in ('scipy.optimize', 'scipy.linalg') if n in sys.modules])"
     )
     assert subprocess.check_output([sys.executable, "-c", code], text=True) == "[]\n"
+
+
+OWN = """from trimtab import build, replace
+def scenario():
+    base = build("hovercraft/forward")
+    return replace(base, autopilot=replace(base.autopilot, allocation=None), name="scenario")
+def whole():
+    return replace(build("hovercraft/forward"), name="scenario")
+"""
+
+
+def test_missing_part_of_a_file_is_reported_with_the_line_to_write(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    with pytest.raises(InputError, match=r"own.py:scenario': autopilot.allocation is None") as refused:
+        build(f"{tmp_path}/own.py:scenario")
+    assert refused.value.fix == "write allocation=DirectAllocation() in Autopilot(…)"
+
+
+def test_scenario_of_a_file_has_the_name_of_file_and_function(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    assert build(f"{tmp_path}/own.py:whole").name == "own.py:whole"

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from trimtab.analysis.campaign.workers.prepare import find_signals
 from trimtab.cli import main
 from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.time import ms
 from trimtab.logs.navigation import state_series
+from trimtab.run.known_signals import find_signals
 from trimtab.run.simulate import simulate_many
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build

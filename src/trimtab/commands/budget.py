@@ -71,7 +71,7 @@ def command(
     if as_json:
         print_json({"scenario": scenario, "seed": seed, "runs": runs} | _budget_json(budget), files)
         return
-    _print_budget(f"{built.name}, {runs} runs from seed {seed}", budget)
+    _print_budget(f"{scenario}, {runs} runs from seed {seed}", budget)
     print_files(files)
 
 
@@ -122,4 +122,4 @@ def _print_budget(title: str, budget: ErrorBudget) -> None:
 
 
 def _format_rms(value: float, error: float) -> str:
-    return f"{value:.4f} ± {error:.4f}"
+    return f"{value:.3g} ± {error:.1g}" if 0 < value < 1e-3 else f"{value:.4f} ± {error:.4f}"

@@ -21,6 +21,7 @@ from trimtab.commands.output import (
 from trimtab.commands.progress import show_spinner
 from trimtab.core.cache_folder import enable_cache
 from trimtab.core.control_characters import show_controls
+from trimtab.core.errors import InputError
 from trimtab.logs.difference import LogDifference, find_difference
 from trimtab.logs.log import Log
 
@@ -33,9 +34,10 @@ AGAIN = "flown again"
 @click.command()
 @click.argument("one", type=FILE, metavar="LOG")
 @click.argument("other", type=FILE, metavar="[LOG]", required=False)
+@click.option("--scenario", metavar="SCENARIO", help="Scenario to rerun, if it is not in the catalogue.")
 @PLOT("Draw the earliest differing signals to this picture.")
 @JSON
-def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> None:
+def command(one: Path, other: Path | None, scenario: str | None, plot: Path | None, as_json: bool) -> None:
     """Find the first difference between two logs.
 
     With one log, the second log is a rerun of the logged flight. All signals that both logs have are compared, at the
@@ -44,10 +46,13 @@ def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> 
     \b
     trimtab compare before/run.mcap after/run.mcap --plot both.png
     trimtab compare flight/run.mcap                  rerun with the scenario, seed and settings of the log
+    trimtab compare here/run.mcap --scenario my_boat.py:scenario
     """
     check_picture(plot, None)
+    if other is not None and scenario is not None:
+        raise InputError("--scenario", "applies only to one log, whose flight is rerun", fix="leave --scenario out")
     first = read_any_log(one, None, quiet=as_json)
-    second = _fly_again(first) if other is None else read_any_log(other, None, quiet=as_json)
+    second = _fly_again(first, scenario) if other is None else read_any_log(other, None, quiet=as_json)
     names = (str(one), AGAIN if other is None else str(other))
     difference = find_difference(first, second)
     files: list[Path] = []
@@ -67,14 +72,14 @@ def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> 
     sys.exit(0 if difference.equal else 1)
 
 
-def _fly_again(log: Log) -> Log:
-    """Repeat a logged run with the log's scenario, settings, seed and run number."""
+def _fly_again(log: Log, name: str | None) -> Log:
+    """Repeat a logged run with the log's scenario, settings, seed and run number. name: as in `rebuild_scenario`."""
     from trimtab.core.record import replace
     from trimtab.core.time import ms, seconds
     from trimtab.run.simulate import simulate
     from trimtab.scenarios.recorded import rebuild_scenario
 
-    scenario = rebuild_scenario(log)
+    scenario = rebuild_scenario(log, name)
     enable_cache()
     about = log.metadata
     if "duration_s" in about:

@@ -14,7 +14,7 @@ from trimtab.core.quantity import component_paths
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.log_limit import list_files
-from trimtab.logs.metrics import Target, full_path, metrics, mode_switches, nearest_target_value, target_path
+from trimtab.logs.metrics import Target, full_path, metrics, mode_switches, nearest_target_value
 from trimtab.logs.robustness import PENDING, VERDICTS, VIOLATED
 from trimtab.logs.spatial import FLIGHT, display_unit, flight_sources, with_flight
 from trimtab.loop.model_mismatch import describe_mismatches
@@ -54,7 +54,7 @@ def summarise_truth(
     signals = {p: v[flown] for p, v in whole.signals.items()}
     final = {p: signals[p][-1] for p in whole.final if p in signals} if goes_on.any() else whole.final
     log = Log(to_seconds(ticks), ticks, signals, whole.declarations, whole.metadata, final)
-    real = summarise_run(log, [t for t in targets if full_path(t.path) in log])
+    real = summarise_run(log, targets)
     return {"real": real, "units": metric_units(log, real["metrics"])}
 
 
@@ -115,8 +115,13 @@ def print_truth(result: dict[str, Any], out: Path | None, never: str) -> None:
 
 
 def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
-    """Return metrics, last state, number of mode switches and warnings of one run."""
-    targets, log = tuple(targets), with_flight(log)
+    """Return metrics, last state, number of mode switches and warnings of one run.
+
+    Targets whose signal the log lacks are left out: the log of a vehicle has no signals of the autopilot, and the ideal
+    twin has no sensors.
+    """
+    log = with_flight(log)
+    targets = [t for t in targets if full_path(t.path) in log]
     shown = _choose_signals(log)
     final = {
         one.removeprefix("truth."): float(number)
@@ -124,7 +129,7 @@ def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
         if path.startswith(("truth.", FLIGHT)) and np.size(value) <= FEW
         for one, number in zip(component_paths(path, np.shape(value)), np.ravel(value), strict=True)
     }
-    aimed = [path for t in targets if (path := target_path(log, t)) not in shown]
+    aimed = [path for t in targets if (path := full_path(t.path)) not in shown]
     final |= {path: float(log[path][-1]) for path in aimed if len(log) and path.removeprefix("truth.") not in final}
     numbers = metrics(log, targets, [*aimed, *shown])
     closest = closest_approach(log)
@@ -221,9 +226,9 @@ def closest_approach(log: Log) -> dict[str, float] | None:
 
 
 def flag_times(log: Log) -> dict[str, dict[str, float]]:
-    """Return for each flag of the law or an actuator: total time (s) of being True, and first such time (s)."""
+    """Return for each flag of law, actuators or integration: total time (s) of being True, and first such time (s)."""
     times: dict[str, dict[str, float]] = {}
-    signals = [p for p in log.paths if p.startswith(("law.", "actuators.")) and p in log.declarations]
+    signals = [p for p in log.paths if p.startswith(("law.", "actuators.", "world.")) and p in log.declarations]
     for path in [p for p in signals if log.declarations[p].kind == "flag" and log[p].ndim == 1]:
         up = log[path].astype(bool)
         if up.any():
@@ -318,14 +323,15 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
     title = f"{result['scenario']}, {result['duration_s']:g} s, seed {result['seed']}"
     columns = [f">{heading} ({unit})" if unit else f">{heading}" for heading, unit in METRICS.values()]
     table = new_table("signal", "", ">final", *columns, title=title, unwrapped=("signal",))
-    for signal in next(iter(sides.values()))["metrics"]:
-        for i, (side, summary) in enumerate(sides.items()):
+    for signal in dict.fromkeys(signal for summary in sides.values() for signal in summary["metrics"]):
+        having = {side: summary for side, summary in sides.items() if signal in summary["metrics"]}
+        for i, (side, summary) in enumerate(having.items()):
             unit, factor = display_unit(signal, units[signal])
             name = f"{signal} ({unit})" if i == 0 else ""
             merits = summary["metrics"][signal]
             numbers = [_scale(summary["final"].get(signal), factor)]
             numbers += [_scale(merits[metric], 1.0 if METRICS[metric][1] else factor) for metric in METRICS]
-            table.add_row(name, side, *map(format_number, numbers), end_section=i == len(sides) - 1)
+            table.add_row(name, side, *map(format_number, numbers), end_section=i == len(having) - 1)
     print_table(table)
     if result.get("mismatch"):
         click.echo(describe_mismatches(result["mismatch"]))

@@ -126,7 +126,7 @@ def command(
     if as_json:
         print_json({"scenario": scenario, "seed": seed} | _map_json(diagram, criteria), files)
         return
-    _print_map(diagram, criteria, why)
+    _print_map(scenario, diagram, criteria, why)
     print_files(files)
 
 
@@ -214,11 +214,11 @@ def _map_json(diagram: StabilityMap, criteria: Criteria) -> dict[str, Any]:
     }
 
 
-def _print_map(diagram: StabilityMap, criteria: Criteria, why: str) -> None:
-    traced = diagram.traced_boundary
+def _print_map(scenario: str, diagram: StabilityMap, criteria: Criteria, why: str) -> None:
+    traced, cells = diagram.traced_boundary, len(diagram.traced_boundary.boundary_cells())
     click.echo(
-        f"{diagram.scenario.name}: {traced.evaluated_points} of {traced.of} points flown, {diagram.runs} runs each,"
-        f" {len(traced.boundary_cells())} cells on the boundary"
+        f"{scenario}: {traced.evaluated_points} of {traced.of} points flown, {diagram.runs} runs each,"
+        f" {cells} cell{'s' * (cells != 1)} on the boundary"
     )
     for value in diagram.y.values:
         line = int(np.abs(diagram.at_y - value).argmin())
@@ -228,7 +228,7 @@ def _print_map(diagram: StabilityMap, criteria: Criteria, why: str) -> None:
         passes = [f"{a:.4g} to {b:.4g}" for a, b in diagram.crossings(float(value))]
         turns = f", boundary at {diagram.x.name} {', '.join(passes)}{along}" if passes else ", no boundary on this line"
         click.echo(f"  {diagram.y.name} {value:.4g}{unit}: {side} at {diagram.x.values[0]:.4g}{turns}")
-    if len(traced.boundary_cells()) == 0:
+    if cells == 0:
         click.echo(_boundary_hint(diagram))
     if criteria:
         click.echo(f"criteria of linear theory: {', '.join(one.name for one in criteria)}; {KNOWS_NO}")

@@ -21,10 +21,11 @@ from trimtab.commands.written_files import check_new_in
 from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
 from trimtab.core.formula import is_temporal, parse_formula
+from trimtab.core.formula_units import fit_formula
 from trimtab.core.time import parse_time
 from trimtab.logs.log import Log
-from trimtab.logs.metrics import Target
-from trimtab.logs.robustness import assess_formula
+from trimtab.logs.metrics import Target, full_path
+from trimtab.logs.robustness import assess_formula, check_length
 from trimtab.logs.spatial import with_flight
 from trimtab.run.program import check_log_period, check_seed
 
@@ -120,12 +121,16 @@ def command(
     if plot is not None:
         check_new_in("--plot", plot.parent, *(f"{plot.stem}-{more}{plot.suffix}" for more in PICTURES))
     from trimtab.loop.settings import setting_paths
+    from trimtab.run.known_signals import find_signals
     from trimtab.scenarios.build import build
 
     built = build(scenario, settings, without, faults)
     if not (settings or without or faults or read_paths(scenario)):
         keep_paths(scenario, setting_paths(built))
     built = _estimate_steps(built)
+    known = find_signals(built)
+    for formula in require:
+        check_length(fit_formula(formula, known.shapes, known.units, full_path), built.duration)
     check_log_period(flight["log_period"], built.duration)
     check_picture(plot, out)
     report = _compile_and_fly(built, ideal, backend, flight)

@@ -1,13 +1,15 @@
 """Metrics of a run's signals relative to targets: settling, first reach, overshoot, tail (docs/logs/metrics.md)."""
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
 import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.explain_call import explain_call
+from trimtab.core.quantity import component_paths, split_component
+from trimtab.core.suggestions import closest
 from trimtab.logs.log import Log
 
 SHORT = {name: f"truth.{name}" for name in ("surge_velocity", "sway_velocity", "yaw_rate", "heading")}
@@ -46,15 +48,35 @@ def full_path(name: str) -> str:
 
 def target_path(log: Log, target: Target) -> str:
     """Return the path of a target's signal. Raise InputError if the log lacks this signal."""
-    path = full_path(target.path)
-    try:
-        log[path]
-    except InputError as error:
-        near = (*error.choices, *log.paths)[0] if log.paths else "truth.yaw_rate"
-        fix = f"Target({near!r}, {target.value:g}, band={target.band:g})"
-        part = f"target of {target.path!r}"
-        raise InputError(part, "the target's signal is not in this log", choices=error.choices, fix=fix) from None
-    return path
+    check_targets([target], log.paths, lambda path: log[path].shape[1:])
+    return full_path(target.path)
+
+
+def check_targets(
+    targets: Iterable[Target], paths: Collection[str], shape_of: Callable[[str], tuple[int, ...]]
+) -> None:
+    """Raise InputError for a target whose signal does not exist or is a vector, and for two targets of one signal.
+
+    paths: paths of all signals.  shape_of: function that returns the shape of a signal at one instant.
+    """
+    seen = set[str]()
+    for target in targets:
+        path = full_path(target.path)
+        whole = split_component(path)[0]
+        whole = path if path in paths else whole  # a log may contain an element of a vector as a signal of its own
+        numbers = component_paths(whole, shape_of(whole)) if whole in paths else []
+        if path in seen:
+            raise InputError("targets", f"there are two targets for {path!r}", fix="keep one target for each signal")
+        seen.add(path)
+        if path in numbers:
+            continue
+        problem = "there is no such signal"
+        if numbers:
+            problem = f"{whole!r} has shape {shape_of(whole)}, but a target needs one number"
+        near = numbers or [p for p in paths if p.startswith(f"{path}.")] or closest(path, paths) or list(paths)
+        near = near[:8] or ["truth.yaw_rate"]
+        fix = f"Target({near[0]!r}, {target.value:g}, band={target.band:g})"
+        raise InputError(f"target of {target.path!r}", problem, choices=near, fix=fix)
 
 
 @explain_call()
@@ -73,12 +95,9 @@ def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict
         targets: at most one target for each signal. The first three metrics of a signal without a target are None.
         signals: paths or short names of the signals. They are also the keys of the result.
     """
-    by_path: dict[str, Target] = {}
-    for target in targets:
-        path = target_path(log, target)
-        if path in by_path:
-            raise InputError("metrics", f"there are two targets for {path!r}", fix="keep one target for each signal")
-        by_path[path] = target
+    targets = tuple(targets)
+    check_targets(targets, log.paths, lambda path: log[path].shape[1:])
+    by_path = {full_path(target.path): target for target in targets}
     with np.errstate(over="ignore", invalid="ignore"):  # the metrics of a diverged run are None, without a warning
         return {name: _merits(log, full_path(name), by_path.get(full_path(name))) for name in signals}
 
@@ -96,7 +115,8 @@ def nearest_target_value(log: Log, target: Target) -> float:
     x = log[path]
     ends = x[np.isfinite(x)]
     declared = log.declaration(path)
-    if declared is not None and declared.kind == "angle" and len(ends):
+    is_angle = declared is not None and declared.kind == "angle"
+    if is_angle and len(ends) and np.spacing(abs(ends[-1])) < target.band:  # not of a diverged run
         return float(target.value + 2 * np.pi * np.round((ends[-1] - target.value) / (2 * np.pi)))
     return float(target.value)
 

@@ -248,6 +248,9 @@ class Autopilot:
                 raise InputError("autopilot.law", problem, choices=provided, fix=fix)
 
     def _check_listens(self, frame: Frame) -> None:
+        if isinstance(self.estimator.listens, str):
+            problem = f"{place_of(type(self.estimator))}`listens` must be a tuple of sensor names, got a string"
+            raise InputError("autopilot.estimator", problem, fix=f'listens = ("{self.estimator.listens}",)')
         for name in self.estimator.listens:
             if name not in frame.samples:
                 sent = ", ".join(frame.samples) or "nothing"

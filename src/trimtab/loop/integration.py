@@ -201,7 +201,9 @@ def _stop_at_event(
     """
 
     def values(by: Any, at: Any) -> Any:
-        return jnp.stack([jnp.asarray(g, np.float64) for g in jax.tree.leaves(vehicle.events(t + by, at))])
+        return jnp.concatenate(
+            [jnp.ravel(jnp.asarray(g, np.float64)) for g in jax.tree.leaves(vehicle.events(t + by, at))]
+        )
 
     rate = jax.tree.map(lambda v, d: jnp.broadcast_to(jnp.asarray(d, np.float64), jnp.shape(v)), x, rate)
     zero = jnp.zeros(())

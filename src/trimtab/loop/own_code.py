@@ -21,6 +21,7 @@ from jax.core import Tracer
 import trimtab
 from trimtab.core.errors import InputError
 from trimtab.core.record import declarations, is_record, leaves
+from trimtab.core.signals import Frame
 from trimtab.core.suggestions import closest
 
 PACKAGE = str(Path(trimtab.__file__).parent)
@@ -92,6 +93,8 @@ def describe_fault(error: BaseException) -> CodeFault:
         if error.name and f"from {error.name!r}" in text:
             return CodeFault(place, text, "correct the imported name" + _similar_name(error))
         return CodeFault(place, text, "correct the name of the module, or install its package")
+    if isinstance(error, KeyError):
+        return _describe_key(place, error, frame)
     if isinstance(error, SystemExit):
         problem = "the file ends the program while trimtab reads it"
         return CodeFault(place, problem, 'move this call below  if __name__ == "__main__":')
@@ -162,6 +165,16 @@ def _describe_attribute(place: str, error: AttributeError) -> CodeFault:
     near = closest(error.name or "", fields, 1)
     fix = f"write {(below or near)[0]!r} instead" if below or near else ""
     return CodeFault(place, f"{type(error.obj).__name__!r} object has no attribute {error.name!r}", fix, fields)
+
+
+def _describe_key(place: str, error: KeyError, frame: FrameType | None) -> CodeFault:
+    """Return the description of a missing key. For a function with a Frame, the choices are the frame's sensors."""
+    key = error.args[0] if error.args else ""
+    samples = next((v.samples for v in (frame.f_locals.values() if frame else ()) if isinstance(v, Frame)), {})
+    if not samples or key in samples:
+        return CodeFault(place, f"KeyError: {key!r}")
+    near = closest(str(key), samples, 1) or list(samples)
+    return CodeFault(place, f"the frame has no sensor {key!r}", f"write samples[{near[0]!r}]", tuple(samples))
 
 
 def _similar_name(error: ImportError) -> str:

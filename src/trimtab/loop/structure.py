@@ -15,11 +15,19 @@ import numpy as np
 from jax.core import Tracer
 
 from trimtab.core.errors import InputError
+from trimtab.core.interfaces import optional_member
 from trimtab.core.record import Quantity, Scalar, is_record, leaves
 from trimtab.core.signals import Motion
 from trimtab.loop.own_code import check_arguments, describe_fault, place_of, refuse_own_code, refuse_within
 
-ARGUMENTS = {"step": "t, state, input", "dynamics": "t, x, u", "motion": "t, x, u"}
+ARGUMENTS = {
+    "step": "t, state, input",
+    "dynamics": "t, x, u",
+    "motion": "t, x, u",
+    "events": "t, x",
+    "jump": "t, x, crossed",
+    "after_step": "t, x",
+}
 """Arguments that the methods of a user's part must have, by the method's name."""
 MESSAGES = {"Sample": "new_sample(t, VALUE)", "Estimate": "Estimate(t=t, age=…, fresh=…, valid=…, state=…)"}
 """Class of a message -> code that makes a message."""
@@ -178,7 +186,29 @@ def check_vehicle(vehicle: Any, x: Any, u: Any) -> Any:
     rate = zeros_of(part, "world.actuators", vehicle.dynamics, 0.0, x, u)
     fix = f"return {type(x).__name__}(…) with the derivative of each field"
     check_alike(part, f"{place_of(vehicle.dynamics)}its return value", rate, x, fix)
+    _check_events(vehicle, x)
     return motion
+
+
+def _check_events(vehicle: Any, x: Any) -> None:
+    """Raise InputError if events(), jump() or after_step() of a vehicle returns a wrong structure."""
+    own, reads = {n: optional_member(vehicle, n) for n in ("events", "jump", "after_step")}, "the vehicle's state"
+    after = []
+    if own["events"] is not None:
+        part = "world.vehicle.events"
+        values = jax.tree.leaves(zeros_of(part, reads, own["events"], 0.0, x))
+        if not values:
+            problem = f"{place_of(own['events'])}events() returns nothing"
+            raise InputError(part, problem, fix="return a number that changes its sign at the event, e.g. x.height")
+        if own["jump"] is not None:
+            after.append(("jump", np.zeros(sum(map(np.size, values)), np.bool_)))
+    if own["after_step"] is not None:
+        after.append(("after_step",))
+    for name, *crossed in after:
+        part = f"world.vehicle.{name}"
+        state = zeros_of(part, reads, own[name], 0.0, x, *crossed)
+        what = f"{place_of(own[name])}its return value"
+        check_alike(part, what, state, x, f"return replace(x, …), a {type(x).__name__}")
 
 
 def check_output(part: str, step: Callable[..., Any], output: Any, kind: type) -> None:

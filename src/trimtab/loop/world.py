@@ -11,7 +11,7 @@ from trimtab.core.rng import Key
 from trimtab.core.signals import NO_GUST, Command, Frame, Sample, hold_sample
 from trimtab.core.time import Instant, ms, to_seconds
 from trimtab.environment.turbulence import Turbulence
-from trimtab.loop.integration import Integration, integrate_truth
+from trimtab.loop.integration import PLAIN_STEP, Integration, integrate_truth
 from trimtab.loop.structure import (
     cast_like,
     check_alike,
@@ -137,7 +137,7 @@ class World(Generic[V]):
         None is the default for a vehicle without events.
         """
         has_events = optional_member(self.vehicle, "events") is not None
-        return Integration() if self.integration is None and has_events else self.integration
+        return PLAIN_STEP if self.integration is None and has_events else self.integration
 
     def _first_gust(self, key: Key) -> dict[str, Any]:
         """Return the initial state and gust of the turbulence. Raise InputError if the vehicle has no in_gust()."""

@@ -17,10 +17,9 @@ from trimtab.logs.log import Log
 from trimtab.logs.metrics import full_path
 from trimtab.logs.navigation import state_series
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.walk import logged_signals
 from trimtab.run.inputs import run_inputs
+from trimtab.run.known_signals import find_signals
 from trimtab.run.simulate import simulate_many
-from trimtab.run.walk_structure import signal_structure
 from trimtab.scenarios.build import find_scenario
 
 ALL, NONE = "all", "none"
@@ -102,6 +101,7 @@ def error_budget(
     if not _is_measurable(scenario):
         _refuse_scenario(scenario)
 
+    signal_units = find_signals(scenario).units
     aimed = [full_path(t.path) for t in scenario.targets]
     others = [split_component(path)[0] for path in aimed if not path.startswith(("truth.", "estimate."))]
     needed = ("truth", "estimate", *dict.fromkeys(others))
@@ -128,8 +128,7 @@ def error_budget(
     rows = [least, *(row for cost in costs for row in (cost.without, cost.alone))]
     measures = [measure for measure in whole if all(measure in row for row in rows)]
     costs.sort(key=lambda cost: [cost.without[m][0] for m in measures[:1]])
-    declared = {path: d for path, _, d in logged_signals(signal_structure(run_inputs(scenario)))}
-    own = {path.removeprefix("truth."): declared[split_component(path)[0]].unit for path in aimed}
+    own = {path.removeprefix("truth."): signal_units[split_component(path)[0]] for path in aimed}
     units = {m: UNITS.get(m) or own[m] for m in measures}
     return ErrorBudget(units, whole, least, tuple(costs))
 

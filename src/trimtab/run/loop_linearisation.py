@@ -33,6 +33,9 @@ RANDOM = ("jitter", "loss")
 STEPWISE = ("speed-steps",)
 """Imperfections of actuators that are step functions. They are switched off for the linearisation, because a step has
 no derivative."""
+FINE = 1e-12
+"""Tolerance of an integration with variable steps. Its errors must be small compared with the displacements from rest
+at which corners are searched."""
 
 
 def linearise_loop(
@@ -102,6 +105,9 @@ def _prepare_loop(scenario: Scenario, direct: bool, off: tuple[str, ...]) -> Sce
     for name in STEPWISE:
         if name in imperfections(world.actuators):
             world = replace(world, actuators=without(world.actuators, name))
+    if (fine := world.integration) is not None:
+        tolerances = {name: np.minimum(getattr(fine, name), FINE) for name in ("relative", "absolute")}
+        world = replace(world, integration=replace(fine, **tolerances))
     autopilot = replace(autopilot, supervisor=None, monitor=None)
     if direct:
         neutral = world.actuators.neutral().u

@@ -25,10 +25,14 @@ from trimtab.run.loop_coordinates import LoopCoordinates, is_real
 
 
 class LoopStep:
-    """Step of a loop by one instant, and the derivatives of this step."""
+    """Step of a loop by one instant, and the derivatives of this step.
+
+    The report of the integration is not a state of the loop: each instant begins with the first report.
+    """
 
     def __init__(self, loop: Scenario, tick: int) -> None:
         self.loop, self.tick = loop, tick
+        self._report: Any = ()
         self._fly: Any = jax.jit(self._many, compiler_options=FAST_COMPILE_OPTIONS)
         self._slopes: Any = jax.jit(self._differentiate, static_argnums=3, compiler_options=FAST_COMPILE_OPTIONS)
 
@@ -38,7 +42,9 @@ class LoopStep:
 
     def start(self, x: Any) -> tuple[Any, Any]:
         """Return the initial states of world and autopilot. x: initial state of the vehicle."""
-        return start(self.loop.world, self.loop.autopilot, x, Key(np.uint32(0), np.uint32(0)))
+        s, a = start(self.loop.world, self.loop.autopilot, x, Key(np.uint32(0), np.uint32(0)))
+        self._report = s.integrated
+        return replace(s, integrated=()), a
 
     def fly(self, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any, int]:
         """Return the states of world and autopilot, and the time (100 ns), after `count` instants."""
@@ -72,7 +78,8 @@ class LoopStep:
         new = step_if(due, lambda: autopilot.step(t, a, frame)[0], lambda: autopilot.hold(t, a))
         c = _vector(new.command.value)
         command = new.command if v is None else replace(new.command, value=_like_vector(new.command.value, v))
-        acted = world.advance(t, world.act(clock, seen, command, due), np.int64(self.tick))
+        acted = replace(world.act(clock, seen, command, due), integrated=self._report)
+        acted = replace(world.advance(t, acted, np.int64(self.tick)), integrated=())
         return cast_like(acted, s), cast_like(new, a), c
 
     def _many(self, s: Any, a: Any, t: Any, count: int) -> tuple[Any, Any]:

@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from trimtab.core.errors import InputError, argument, argument_name, command, spell_with
@@ -41,14 +42,14 @@ SWITCH = {
 }
 """Choices of the setting ``predictor``, with a description of each choice. Every scenario has this setting."""
 NEEDED = {
-    "world.vehicle": "Hovercraft",
-    "world.actuators": "FanDrive",
-    "autopilot.estimator": "Passthrough",
-    "autopilot.law": "ZeroVelocity",
-    "autopilot.allocation": "ThrustVectorAllocation",
-    "initial": "HovercraftState",
+    "world.vehicle": ("Hovercraft", "MyVehicle()"),
+    "world.actuators": ("FanDrive", "ActuatorBank(MyInput(), {})"),
+    "autopilot.estimator": ("Passthrough", 'Passthrough("SENSOR")'),
+    "autopilot.law": ("ZeroVelocity", "MyLaw()"),
+    "autopilot.allocation": ("ThrustVectorAllocation", "DirectAllocation()"),
+    "initial": ("HovercraftState", "MyState()"),
 }
-"""Path of each part that a scenario must have -> example of a class of this part."""
+"""Path of each part that a scenario must have -> example of a class of this part, and example in a user's file."""
 
 
 @explain_call({"settings": 'build("SCENARIO", settings={"PATH": VALUE})'})
@@ -93,13 +94,11 @@ def build(
     scenario, rest = catalogue.load_scenario(
         name, {n: text for n, text in settings.items() if n != REFERENCE or not path}
     )
-    if not isinstance(scenario, Scenario):
-        problem = f"the function must return a Scenario, got {type(scenario).__name__}"
-        raise InputError(f"scenario {name!r}", problem, fix="return Scenario(world=…, autopilot=…) from this function")
+    scenario = _name_after_file(name, scenario)
     if "navigation" in rest:
         _refuse_navigation(name)
     scenario, own = with_parts(scenario, {path: text for path, text in rest.items() if path not in SPECIAL})
-    _refuse_gaps(scenario, own)
+    _refuse_gaps(name, scenario, own)
     if path:
         scenario, rest[REFERENCE] = with_reference(scenario, path), plain_text(path)
     choices: dict[str, Any] = {
@@ -186,21 +185,35 @@ def _build_file(
     return replace(scenario, **changes)
 
 
-def _refuse_gaps(scenario: Scenario, settings: Iterable[str]) -> None:
-    """Raise InputError if a scenario without a base scenario lacks a part, or if a setting is not a field."""
+def _name_after_file(name: str, scenario: Any) -> Scenario:
+    """Return the scenario that a function returned. Without a name of its own, it is named FILE.py:FUNCTION.
+
+    Raise InputError if the function did not return a scenario.
+    """
+    if not isinstance(scenario, Scenario):
+        problem = f"the function must return a Scenario, got {type(scenario).__name__}"
+        raise InputError(f"scenario {name!r}", problem, fix="return Scenario(world=…, autopilot=…) from this function")
+    if ":" in name and scenario.name == Scenario.__dataclass_fields__["name"].default:
+        return replace(scenario, name=Path(name).name)
+    return scenario
+
+
+def _refuse_gaps(name: str, scenario: Scenario, settings: Iterable[str]) -> None:
+    """Raise InputError if a scenario lacks a part, or if a setting of a scenario without a base is not a field."""
     if scenario.world.vehicle is None:
         known = declarations(scenario)
         for path in [path for path in settings if path.partition(".")[0] not in known]:
             fix = 'write  base = "hovercraft/spin"  to base the file on a scenario of the catalogue'
             raise InputError(argument_name("settings", path), "unknown setting", choices=["base", *known], fix=fix)
-    for path, example in NEEDED.items():
+    for path, (example, own) in NEEDED.items():
         owner, _, field = path.rpartition(".")
-        if getattr(getattr(scenario, owner) if owner else scenario, field) is None:
-            raise InputError(
-                argument_name("settings", path),
-                "this part of the scenario is missing",
-                fix=f"set the class of the part: {argument('settings', example, path)}",
-            )
+        if getattr(getattr(scenario, owner) if owner else scenario, field) is not None:
+            continue
+        if ":" in name:
+            fix = f"write {field}={own} in {owner.capitalize() or 'Scenario'}(…)"
+            raise InputError(f"scenario {name!r}", f"{path} is None", fix=fix)
+        fix = f"set the class of the part: {argument('settings', example, path)}"
+        raise InputError(argument_name("settings", path), "this part of the scenario is missing", fix=fix)
 
 
 def _typed_reference(name: str, settings: Mapping[str, str]) -> str:

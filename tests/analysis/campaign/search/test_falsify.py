@@ -239,7 +239,7 @@ def test_worst_stick_input_is_replayed(tmp_path):
         ({"spread": {"world.vehicle.mass": "uniform(-80%, 120%)"}}, "world.vehicle.mass"),
         ({"spread": {"duration": "choice(3 s, 4 s)"}}, "unknown parameter"),
         ({"success": ("settling:yaw_rate = 3",)}, "comparison"),
-        ({"runs": 20}, "too few for a search"),
+        ({"runs": 20}, "a search needs at least 256 runs, got 20"),
         ({"words": 0}, "words"),
         ({"over": "median"}, "worst, mean"),
     ],

@@ -298,6 +298,12 @@ def tune_gains(gains):
     return campaign_gains(PreparedCampaign(plan, scenario, spread, (), (), (), 0), tuple(gains))
 
 
+def test_gain_that_is_an_array_is_rejected_with_one_of_its_elements():
+    with pytest.raises(InputError, match=r"has shape \(4, 3\), but uniform\(1, 2\) gives one number") as refused:
+        tune("quadrotor/track", gains={"world.vehicle.rotors.places": "1:2"}, cost="rms:truth.position[0]")
+    assert refused.value.fix == 'gains={"world.vehicle.rotors.places[0,0]": "LOW:HIGH"}'
+
+
 def test_rejects_output_that_is_not_a_python_file():
     done = call(GAINS, SHORT, "--out", "tuned")
     assert done.exit_code == 2

@@ -331,7 +331,8 @@ def _check_search(ready: PreparedCampaign, runs: int, words: int, over: str) -> 
             fix=argument("words", 4),
         )
     if runs < 4 * BATCH_RUNS_MIN:
-        raise InputError(argument_name("runs"), f"{runs} runs are too few for a search", fix=argument("runs", 5000))
+        problem = f"a search needs at least {4 * BATCH_RUNS_MIN} runs, got {runs}"
+        raise InputError(argument_name("runs"), problem, fix=argument("runs", 5000))
     refuse_options(ready)
     ends = [spread_levels(ready, np.full(len(ready.spread.factors), end)) for end in (0.0, 1.0)]
     check_bounds(ready, np.stack(ends))

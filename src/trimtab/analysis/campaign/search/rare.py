@@ -159,9 +159,8 @@ def estimate_rare(
     """
     began = time.perf_counter()
     if runs < LEAST_RUNS:
-        raise InputError(
-            argument_name("runs"), f"{runs} runs are too few to reach a rare failure", fix=argument("runs", 100000)
-        )
+        problem = f"at least {LEAST_RUNS} runs are needed to reach a rare failure, got {runs}"
+        raise InputError(argument_name("runs"), problem, fix=argument("runs", 100000))
     ready = prepare_search(
         "rare",
         scenario,

@@ -14,11 +14,11 @@ from trimtab.analysis.campaign.search.axes import Axis, enlarge_rings, find_quan
 from trimtab.analysis.campaign.statistics.metrics import find_metric, name_option, swing_amplitude
 from trimtab.analysis.campaign.store.memo import FlightMemo
 from trimtab.analysis.campaign.workers.block import batch_rows
-from trimtab.analysis.campaign.workers.prepare import find_signals
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import split_component
 from trimtab.logs.metrics import full_path
 from trimtab.loop.scenario import Scenario
+from trimtab.run.known_signals import find_signals
 from trimtab.run.runner import LEAST_LANE_RUNS
 from trimtab.run.simulate import Batch, simulate_batch
 

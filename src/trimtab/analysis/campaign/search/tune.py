@@ -15,6 +15,7 @@ Source: Law, "Simulation modeling and analysis", 5th ed. 2015, sections 10.2.1 (
 numbers); Dixon, Mood, "The statistical sign test", Journal of the ASA 41 (1946); docs page, Tune.
 """
 
+import re
 import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -335,9 +336,9 @@ def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[st
         path = next((path for path in gains if error.part == argument_name("spread", path)), None)
         if path is None:
             raise
-        fix = error.fix
-        if fix.startswith(argument_name("spread")) and error.choices:
-            fix = argument("gains", "LOW:HIGH", error.choices[0])
+        fix, element = error.fix, re.search(rf"{re.escape(path)}\[[\d,]+\]", error.fix)
+        if element or (fix.startswith(argument_name("spread")) and error.choices):
+            fix = argument("gains", "LOW:HIGH", element[0] if element else error.choices[0])
         elif fix.startswith(argument_name("spread")):
             fix = f"{argument('settings', '…', path)}: gains are real numbers"
         raise InputError(argument_name("gains", path), error.problem, choices=error.choices, fix=fix) from None

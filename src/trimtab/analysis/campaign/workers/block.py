@@ -21,7 +21,6 @@ from trimtab.analysis.campaign.workers.prepare import (
     draw_runs,
     identity,
     program_options,
-    scenario_place,
     scenario_variant,
 )
 from trimtab.compiler.native.compiler import NoCompilerError, search_compiler
@@ -32,6 +31,7 @@ from trimtab.logs.log import Log
 from trimtab.logs.spatial import FLIGHT_DECLARED, find_flight, with_flight
 from trimtab.loop.scenario import Scenario
 from trimtab.run.inputs import run_inputs
+from trimtab.run.known_signals import scenario_place
 from trimtab.run.runner import choose_c, prepare_run
 from trimtab.run.simulate import Batch, simulate, simulate_batch
 from trimtab.run.walk_structure import lower_structure, walk_structure

@@ -29,14 +29,11 @@ from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.record import Option, Quantity, leaves, with_leaf, with_part_of
 from trimtab.core.time import ms
 from trimtab.logs.log import provenance
-from trimtab.logs.spatial import FLIGHT, FLIGHT_DECLARED, FlightSource, find_flight, place_parameters
 from trimtab.loop.calibration import format_calibration, parse_calibration, read_calibration
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
-from trimtab.loop.walk import logged_signals
-from trimtab.run.inputs import run_inputs
+from trimtab.run.known_signals import find_signals
 from trimtab.run.program import check_seed, describe_scenario
-from trimtab.run.walk_structure import signal_structure
 from trimtab.scenarios.build import CALIBRATION, build
 
 MEMORY = 48 * 2**20
@@ -253,39 +250,6 @@ def with_spread_parts(scenario: Scenario, factors: Iterable[Factor]) -> Scenario
     for factor in factors:
         scenario = with_part_of(scenario, factor.path)
     return scenario
-
-
-class KnownSignals(NamedTuple):
-    """Signals that metrics of a scenario may use. shapes, units: path of a signal -> shape, unit.
-
-    Derived signals such as `flight.roll` are included.  flight: source of these derived signals, or None for a vehicle
-    that moves in a plane.
-    """
-
-    shapes: dict[str, tuple[int, ...]]
-    units: dict[str, str]
-    flight: FlightSource | None
-
-    def source_signals(self, paths: Iterable[str]) -> tuple[str, ...]:
-        """Return the sorted paths of the signals that must be logged so that the given signals can be computed."""
-        source = self.flight.paths if self.flight else ()
-        return tuple(sorted({one for p in paths for one in (source if p.startswith(FLIGHT) else (p,))}))
-
-
-def find_signals(scenario: Scenario) -> KnownSignals:
-    """Return the signals of a scenario, without a simulation."""
-    signals = list(logged_signals(signal_structure(run_inputs(scenario))))
-    shapes, declared = {p: tuple(np.shape(value)) for p, value, _ in signals}, {p: d for p, _, d in signals}
-    flight = find_flight(shapes, declared)
-    if flight is not None:
-        declared |= {p: FLIGHT_DECLARED[p] for p in flight.flight_paths(shapes, scenario_place(scenario))}
-        shapes |= {p: () for p in declared if p not in shapes}
-    return KnownSignals(shapes, {p: d.unit for p, d in declared.items()}, flight)
-
-
-def scenario_place(scenario: Scenario) -> dict[str, Any]:
-    """Return path -> value of the parameters needed to compute derived signals of a flight over the rotating earth."""
-    return place_parameters({p: v for p, v, d in leaves(scenario) if isinstance(d, Quantity) and np.ndim(v) == 0})
 
 
 def draw_runs(ready: PreparedCampaign, first: int, last: int) -> tuple[Points, dict[str, Any]]:
