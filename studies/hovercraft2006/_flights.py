@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +45,7 @@ def load_scenario(name: str, settings: Settings = ()) -> Scenario:
     return with_settings(built, rest)
 
 
-@cache
+@lru_cache(maxsize=18)  # as many as one group of figures needs; each takes 20 MB
 def fly_real(name: str, without: tuple[str, ...] = (), reading: str = "C", settings: Settings = ()) -> TruthSignals:
     """Fly a scenario with SEEDS and all faults except those in `without`, logged every 10 ms.
 

@@ -4,7 +4,7 @@ An estimate is valid at the time of its newest inertial sample, so it is compare
 """
 
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -51,7 +51,7 @@ def load_rig(name: str, settings: tuple[tuple[str, str], ...]) -> Scenario:
     return with_settings(scenario, rest)
 
 
-@cache
+@lru_cache(maxsize=4)  # as many as one group of figures needs; each takes 50 to 100 MB
 def fly_rig(name: str, settings: tuple[tuple[str, str], ...] = LITERAL) -> Batch:
     """Run a scenario of the rotating platform with SEEDS, logged every millisecond."""
     signals = SIGNALS + (UNITS if name == "platform-cricket" else ())

@@ -1,6 +1,8 @@
 """`trimtab reproduce`: output, exit codes and JSON."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 from click.testing import CliRunner
@@ -136,3 +138,16 @@ def test_invalid_arguments_are_rejected_with_fix(words, says):
     assert json.loads(done.stdout)["error"]["fix"]
     for text in says:
         assert text in done.stderr
+
+
+@pytest.mark.thorough
+def test_whole_thesis_is_recomputed_in_less_than_1500_megabytes():
+    code = """
+import resource, subprocess, sys
+done = subprocess.run([sys.executable, "-m", "trimtab", "reproduce", "hovercraft2006"], stdout=subprocess.DEVNULL)
+print(done.returncode, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    code, kilobytes = map(int, done.stdout.split())
+    assert code == 0, done.stderr
+    assert kilobytes < 1.5e6

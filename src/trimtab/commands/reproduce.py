@@ -98,6 +98,8 @@ def _list_studies(as_json: bool) -> None:
 
 def _compute_groups(groups: list[StudyGroup], out: Path | None) -> tuple[GroupRows, dict[str, list[Path]]]:
     """Return each group of figures with its rows, and group name -> pictures if a folder for pictures is given."""
+    import jax  # imported here: a list of the studies needs no JAX
+
     results: GroupRows = []
     pictures: dict[str, list[Path]] = {}
     with show_progress(len(groups)) as tell:
@@ -110,6 +112,7 @@ def _compute_groups(groups: list[StudyGroup], out: Path | None) -> tuple[GroupRo
             results.append((group, rows))
             if out is not None:
                 pictures[group.name] = list(group.figures(out))
+            jax.clear_caches()  # releases the memory of compiled programs, about 20 MB per group
             tell(group.title, 1)
     return results, pictures
 
