@@ -54,11 +54,11 @@ SLIPS = {
     ),
     "demand alone is returned": Slip(LAW, RETURN, "        return state, demand", "no field 'demand'", "demand=…"),
     "if on a number of the run": Slip(
-        LAW, RETURN, before("off = 1.0 if off > 1 else off"), ":43: `if` on", "jnp.where"
+        LAW, RETURN, before("off = 1.0 if off > 1 else off"), ":43: `if` depends on", "jnp.where"
     ),
     "numpy function": Slip(LAW, RETURN, before("import numpy; off = numpy.sin(off)"), ":43: `numpy.sin`", "jnp.sin"),
     "function of math by its name": Slip(
-        LAW, RETURN, before("from math import sin; off = sin(off)"), ":43: Python's `sin` on", "use jnp.sin"
+        LAW, RETURN, before("from math import sin; off = sin(off)"), ":43: Python's `sin` is applied to", "use jnp.sin"
     ),
     "number is taken out": Slip(
         LAW, RETURN, before("off.item()"), ":43: `.item()` is applied to a traced", "leave .item() out"
@@ -95,7 +95,7 @@ SLIPS = {
         LAW, STEP, "def step(self, state, estimate)", ":38: step(state, estimate)", "self, t, sta"
     ),
     "reads is missing": Slip(LAW, "    reads: ClassVar", "    red: ClassVar", ":22: MyLaw has no 'reads'", "reads = ("),
-    "reads is a text": Slip(LAW, '("yaw_rate", "heading")', '("heading")', ":22: reads must be", '("heading",)'),
+    "reads is a text": Slip(LAW, '("yaw_rate", "heading")', '("heading")', ":22: `reads` must be", '("heading",)'),
     "unknown signal": Slip(LAW, "estimate.state.yaw_rate", "estimate.state.yawrate", ":41: 'PlanarPose", "'yaw_rate'"),
     "signal of the estimate itself": Slip(
         LAW, "estimate.state.heading", "estimate.heading", ":40: 'Estimate' object has no", "'state.heading'"
@@ -127,7 +127,7 @@ SLIPS = {
         VEHICLE,
         RATE,
         "        return jnp.array([x.lean_rate, fall, turn])",
-        ":41: its return value is not a",
+        ":41: its return value is an array of shape (3,)",
         "MyVehicle",
     ),
     "dynamics of another shape": Slip(

@@ -238,7 +238,7 @@ def test_rejects_motion_of_wrong_shape():
         ("events", lambda self, t, x: x.height, "no attribute 'height'"),
         ("events", lambda self, x: x.z, "must have the arguments (t, x)"),
         ("jump", lambda self, t, x, crossed: HeightState(0.0, crossed), "has w of shape (1,)"),
-        ("jump", lambda self, t, x, crossed: x.w, "is a plain value with 1 number, but must be a HeightState"),
+        ("jump", lambda self, t, x, crossed: x.w, "is a number, but must be a HeightState"),
         ("after_step", lambda self, t, x: 1.0 if x.z > 0 else x, "`if` depends on a traced value"),
     ],
 )

@@ -270,15 +270,16 @@ def _fits(shape: tuple[int, ...], whole: tuple[int, ...]) -> bool:
 
 
 def describe_tree(tree: Any) -> str:
-    """Return a description of a value for messages: the class of a record, or the number of numbers in the value."""
+    """Return a description of a value for messages: the class of a record, or the shape or the number of numbers."""
     if is_record(tree):
         return f"a {type(tree).__name__} as declared"
     if isinstance(tree, Mapping):
         names: Any = tree.keys()  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
         return f"a dictionary of {', '.join(map(str, names)) or 'nothing'}"
     count = len(jax.tree.leaves(tree))
-    kind = type(tree).__name__ if isinstance(tree, tuple | list) else "plain value"
-    return f"a {kind} with {count} number{'s' * (count != 1)}" if count else "nothing"
+    if isinstance(tree, tuple | list) and count:
+        return f"a {type(tree).__name__} with {count} number{'s' * (count != 1)}"
+    return (f"an array of shape {np.shape(tree)}" if np.ndim(tree) else "a number") if count else "nothing"
 
 
 def zeros_like(tree: Any) -> Any:
