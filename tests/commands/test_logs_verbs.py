@@ -39,6 +39,23 @@ def test_plot_draws_only_named_signals(flights):
     assert "truth.yaw_rate" in picture.read_text()
 
 
+def test_run_and_plot_draw_animations(tmp_path):
+    done = call(
+        "run", REST, "--duration", "0.3", "--no-ideal", "--animate", tmp_path / "a.gif", "--out", tmp_path / "a"
+    )
+    assert done.exit_code == 0, done.output
+    assert f"wrote {tmp_path / 'a.gif'}" in done.stdout
+    log = tmp_path / "a" / "run.mcap"
+    done = call("plot", log, "--animate", tmp_path / "b.gif", "--json")
+    assert json.loads(done.stdout)["files"] == [str(tmp_path / "b.gif")]
+    assert (tmp_path / "b.gif").read_bytes()[:6] == b"GIF89a"
+    (tmp_path / "own.gif").write_bytes(b"GIF89a of the user")
+    for wrong, says in (("b.mp4", "does not end in .gif"), ("own.gif", "--overwrite")):
+        refused = call("plot", log, "--animate", tmp_path / wrong)
+        assert refused.exit_code == 2
+        assert says in refused.stderr
+
+
 @pytest.mark.thorough
 def test_plot_works_without_signals_and_rejects_unknown_signal(flights):
     assert call("plot", flights / "b" / "run.mcap").exit_code == 0  # the run's own picture lies there: it is trimtab's

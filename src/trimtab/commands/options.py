@@ -148,6 +148,7 @@ def PLOT(help: str, name: str = "plot") -> Callable[..., Any]:
     return add_options
 
 
+ANIMATE = click.option("--animate", type=FILE, metavar="FILE", help="Draw an animation of the run to this file (.gif).")
 SEED = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random numbers.")
 MOST_RUNS = 10_000_000
 """Maximum number of runs of a search or a campaign, so that the results fit in memory."""

@@ -183,6 +183,15 @@ def check_picture(picture: Path | None, out: Path | None) -> None:
         check_new("--plot", picture)
 
 
+def check_animation(file: Path | None) -> None:
+    """Raise InputError if the animation of --animate is not a GIF, or cannot be written."""
+    if file is not None:
+        if file.suffix.lower() != ".gif":
+            problem = f"{file.name!r} does not end in .gif"
+            raise InputError("--animate", problem, fix=f"--animate {file.with_suffix('.gif')}")
+        check_out("--animate", file)
+
+
 def check_out(option: str, file: Path, example: str = "") -> None:
     """Raise InputError if a file cannot be written, or is a file of the user. example: valid file name for errors."""
     check_folder(option, file.parent)

@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 
 from trimtab.commands.foreign_logs import read_any_log
-from trimtab.commands.options import FILE, JSON, PLOT
-from trimtab.commands.output import check_picture, draw_plot, print_files, print_json
+from trimtab.commands.options import ANIMATE, FILE, JSON, PLOT
+from trimtab.commands.output import check_animation, check_picture, draw_plot, print_files, print_json
 from trimtab.core.control_characters import show_controls
 from trimtab.core.errors import InputError
 from trimtab.core.time import parse_time, to_seconds
@@ -16,11 +16,18 @@ from trimtab.core.time import parse_time, to_seconds
 @click.argument("file", type=FILE, metavar="LOG")
 @click.argument("signals", nargs=-1, metavar="[PATH…]")
 @PLOT("Draw the signals to this picture (.png, .svg or .pdf).  [default: the log's name with .png]")
+@ANIMATE
 @click.option("--since", metavar="TIME", help="Start time of the plot, e.g. '2 s'.")
 @click.option("--until", metavar="TIME", help="End time of the plot.")
 @JSON
 def command(
-    file: Path, signals: tuple[str, ...], plot: Path | None, since: str | None, until: str | None, as_json: bool
+    file: Path,
+    signals: tuple[str, ...],
+    plot: Path | None,
+    animate: Path | None,
+    since: str | None,
+    until: str | None,
+    as_json: bool,
 ) -> None:
     """Plot signals of a log, one panel for each path. Without paths, plot the main signals as `trimtab run` does.
 
@@ -30,12 +37,14 @@ def command(
     trimtab plot flight/run.mcap
     trimtab plot flight/run.mcap truth.yaw_rate law.mode 'actuators.*' --plot turn.svg
     trimtab plot flight/run.mcap truth.heading --since '2 s' --until '4 s'
+    trimtab plot flight/run.mcap --animate turn.gif
     """
     from trimtab.plots.run import plot_run
     from trimtab.plots.signals import plot_signals, select_paths
 
-    picture = plot or file.with_suffix(".png")
+    picture = plot or (file.with_suffix(".png") if animate is None else None)
     check_picture(picture, None)
+    check_animation(animate)
     log = read_any_log(file, None, quiet=as_json)
     if since is not None or until is not None:
         ends = [None if text is None else float(to_seconds(parse_time(text))) for text in (since, until)]
@@ -49,6 +58,10 @@ def command(
         files = draw_plot(picture, lambda path: plot_signals({file.name: log}, paths, path, title=name))
     else:
         paths, files = list(log.paths), draw_plot(picture, lambda path: plot_run(log, None, path, title=name))
+    if animate is not None:
+        from trimtab.plots.animation import animate_run
+
+        files += draw_plot(animate, animate_run, log, title=name)
     if as_json:
         print_json({"log": str(file), "signals": paths, "rows": len(log)}, files)
         return

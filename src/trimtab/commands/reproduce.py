@@ -88,7 +88,7 @@ def _list_studies(as_json: bool) -> None:
     width, indent = console().width, 4 * " "
     for name, (doc, groups) in studies.items():
         click.echo(click.wrap_text(f"{name}   {doc}", width, subsequent_indent=indent))
-        column = max(len(group.name) for group in groups) + len("  --only   ")
+        column = max((len(group.name) for group in groups), default=0) + len("  --only   ")
         for group in groups:
             begin = f"  --only {group.name}".ljust(column)
             text = f"{group.title}, {group.place}"

@@ -13,8 +13,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from trimtab.commands.flight_summary import closest_approach, metric_units, print_result, summarise_run
-from trimtab.commands.options import BACKEND, FLIGHT, JSON, OUT, PLOT, SCENARIO, WITHOUT
-from trimtab.commands.output import check_picture, draw_plot, new_table, print_files, print_json, print_table
+from trimtab.commands.options import ANIMATE, BACKEND, FLIGHT, JSON, OUT, PLOT, SCENARIO, WITHOUT
+from trimtab.commands.output import (
+    check_animation,
+    check_picture,
+    draw_plot,
+    new_table,
+    print_files,
+    print_json,
+    print_table,
+)
 from trimtab.commands.progress import announce_size, show_spinner, warn_of_room
 from trimtab.commands.typed_names import keep_paths, read_paths
 from trimtab.commands.written_files import check_new_in
@@ -70,6 +78,7 @@ class RunReport(NamedTuple):
 )
 @BACKEND
 @PLOT("Draw all signals to this picture file.")
+@ANIMATE
 @OUT("DIR", "Write the log (MCAP) and the picture of the run to this folder.")
 @click.option("--log-period", metavar="TIME", default="1 ms", show_default=True, help="Time between two log rows.")
 @click.option(
@@ -89,6 +98,7 @@ def command(
     ideal: bool,
     backend: str,
     plot: Path | None,
+    animate: Path | None,
     out: Path | None,
     log_period: str,
     require: tuple[str, ...],
@@ -100,6 +110,7 @@ def command(
 
     \b
     trimtab run hovercraft/zero-velocity --plot rest.png
+    trimtab run hovercraft/zero-velocity --animate rest.gif
     trimtab run hovercraft/heading-bang-bang --set initial=moving --seed 3
     trimtab run hovercraft/forward --without navigation-error --out forward/
     trimtab run hovercraft/spin --set autopilot.law.spinning.k2=5 --duration '30 s' --json
@@ -115,8 +126,7 @@ def command(
         if not is_temporal(formula):
             problem = f"{formula!r} is checked only at the first instant"
             raise InputError("--require", problem, fix=f"--require 'always({formula})'")
-    if plot is None and out is not None:
-        plot = out / "run.png"
+    plot = out / "run.png" if plot is None and out is not None else plot
     check_new_in("--out", out, "run.mcap", "ideal.mcap")
     if plot is not None:
         check_new_in("--plot", plot.parent, *(f"{plot.stem}-{more}{plot.suffix}" for more in PICTURES))
@@ -133,6 +143,7 @@ def command(
         check_length(fit_formula(formula, known.shapes, known.units, full_path), built.duration)
     check_log_period(flight["log_period"], built.duration)
     check_picture(plot, out)
+    check_animation(animate)
     report = _compile_and_fly(built, ideal, backend, flight)
     seen = with_flight(report.real)
     result, assessed = _summarise_report(scenario, report), [assess_formula(seen, text) for text in require]
@@ -141,7 +152,7 @@ def command(
     navigated = _summarise_navigation(report.real)
     if navigated is not None:
         result["navigation"] = navigated.plain()
-    files = [*_write_logs(report, out), *_draw_run(report, plot, navigated is not None)]
+    files = [*_write_logs(report, out), *_draw_run(report, plot, animate, navigated is not None)]
     failed = not all(a.holds for a in assessed) or result["real"]["lost_s"] is not None
     failed |= "not_finite" in result["real"]
     if as_json:
@@ -242,9 +253,16 @@ def _write_logs(report: RunReport, out: Path | None) -> list[Path]:
     return [write_mcap(log, file) for file, log in logs.items()]
 
 
-def _draw_run(report: RunReport, file: Path | None, with_navigation: bool) -> list[Path]:
+def _draw_run(report: RunReport, file: Path | None, animation: Path | None, with_navigation: bool) -> list[Path]:
+    """Draw the pictures and the animation of a run, where a file is named. Return the files written."""
+    moving: list[Path] = []
+    if animation is not None:
+        from trimtab.plots.animation import animate_run
+
+        options = {"title": report.name, "targets": report.targets}
+        moving = draw_plot(animation, animate_run, report.real, report.ideal, **options)
     if file is None:
-        return []
+        return moving
     from trimtab.plots.run import plot_run
     from trimtab.plots.tracking import plot_tracking, tracking_rows
 
@@ -262,7 +280,7 @@ def _draw_run(report: RunReport, file: Path | None, with_navigation: bool) -> li
 
         pictures.append(file.with_stem(f"{file.stem}-navigation"))
         plot_navigation(report.real, pictures[-1], title=f"{report.name}: navigation")
-    return pictures
+    return pictures + moving
 
 
 def print_navigation(navigation: "Navigation", units: Mapping[str, str]) -> None:

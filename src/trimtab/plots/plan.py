@@ -94,14 +94,14 @@ def plot_plan(log: Log, ideal: Log | None = None, path: PicturePath = None, titl
 def draw_plan(axes: Any, log: Log, ideal: Log | None = None) -> None:
     """Draw the plan view of a run into a panel."""
     north, east = (log[_prefix(log) + name] for name in ("north", "east"))
-    size, shown = _span(north, east), _thin(len(log))
+    size, shown = _span(north, east), drawn_rows(len(log))
     _draw_fence(axes, find_fence(log.metadata.get("parameters") or {}), north, east)
     if "law.north_reference" in log and "law.east_reference" in log:
         wanted = log["law.east_reference"][shown], log["law.north_reference"][shown]
         asked = _is_valid(log)[shown]
         axes.plot(*(np.where(asked, x, np.nan) for x in wanted), color=GREEN, lw=2.5, alpha=0.5, label="reference")
     if ideal is not None and has_plan(ideal):
-        at = _thin(len(ideal))
+        at = drawn_rows(len(ideal))
         way = (ideal[_prefix(ideal) + name][at] for name in ("east", "north"))
         axes.plot(*way, color=VERMILION, lw=1.1, ls="--", label="ideal")
     axes.plot(east[shown], north[shown], color=BLUE, lw=1.4, label="truth")
@@ -111,9 +111,9 @@ def draw_plan(axes: Any, log: Log, ideal: Log | None = None) -> None:
         axes.plot(*guess, color=ORANGE, lw=0.8, label="estimate")
     axes.plot(east[:1], north[:1], "o", color=BLUE, mfc="white", ms=6)
     axes.plot(east[-1:], north[-1:], "o", color=BLUE, ms=5)
-    heading = next((p for p in (f"{FLIGHT}yaw", "truth.heading") if p in log), "")
-    if heading:
-        _draw_headings(axes, log[heading], np.array([east, north]), MARK_LENGTH * size)
+    heading = _heading(log, "truth")
+    if heading is not None:
+        _draw_headings(axes, heading, np.array([east, north]), MARK_LENGTH * size)
     style_axes(axes, "Plan", "○ start   ● end   short lines: nose", "north (m)")
     axes.set_xlabel("east (m)", fontsize=9)
     axes.set_aspect("equal", adjustable="datalim")
@@ -121,6 +121,26 @@ def draw_plan(axes: Any, log: Log, ideal: Log | None = None) -> None:
     room = np.maximum(EXTENT_MIN - np.diff(ends)[:, 0], 0.16 * size) / 2
     axes.update_datalim([ends[:, 0] - room, ends[:, 1] + room])
     axes.autoscale_view()
+
+
+def find_path(log: Log, block: str) -> tuple[Any, Any] | None:
+    """Return the path (n, 2) east, north, and the heading (n,) or None, of the block "truth" or "estimate" of a log.
+
+    Return None if the block contains no position. Rows without a valid estimate are NaN.
+    """
+    prefix = _prefix(log) if block == "truth" else "estimate.state."
+    if not all(f"{prefix}{name}" in log for name in ("east", "north")):
+        return None
+    path = np.stack([log[f"{prefix}{name}"] for name in ("east", "north")], axis=1)
+    if block == "estimate":
+        path = np.where(_is_valid(log)[:, None], path, np.nan)
+    return path, _heading(log, block)
+
+
+def _heading(log: Log, block: str) -> Any:
+    """Return the heading (n,) of the truth or of the estimate, or None."""
+    paths = (f"{FLIGHT}yaw", "truth.heading") if block == "truth" else ("estimate.state.heading",)
+    return next((log[p] for p in paths if p in log), None)
 
 
 def find_fence(parameters: Mapping[str, Any]) -> Fence:
@@ -159,7 +179,7 @@ def draw_profile(axes: Any, log: Log, ideal: Log | None = None) -> None:
     for one, colour, look in ((ideal, VERMILION, "--"), (log, BLUE, "-")):
         if one is None or not has_profile(one):
             continue
-        shown, up = _thin(len(one)), one[f"{FLIGHT}altitude"]
+        shown, up = drawn_rows(len(one)), one[f"{FLIGHT}altitude"]
         steps = np.hypot(*(np.diff(one[FLIGHT + name]) for name in ("north", "east")))
         way = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])
         axes.plot(way[shown], up[shown], color=colour, lw=1.2, ls=look)
@@ -183,7 +203,8 @@ def _is_valid(log: Log) -> Any:
     return log["estimate.valid"].astype(bool) if "estimate.valid" in log else np.ones(len(log), bool)
 
 
-def _thin(n: int) -> Any:
+def drawn_rows(n: int) -> Any:
+    """Return at most POINTS of the indices 0 to n - 1, evenly spaced."""
     return np.unique(np.linspace(0, n - 1, min(n, POINTS)).astype(int))
 
 

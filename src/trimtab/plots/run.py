@@ -123,8 +123,8 @@ def plot_run(
     for panel, (row, column) in zip(panels, places, strict=True):
         axes: Any = figure.add_subplot(grid[row, column], sharex=first)
         first = first or axes
-        _draw_panel(axes, panel, real, ideal, by_signal.get(panel.paths[0], []))
-        _style_panel(axes, panel, real, bottom=row == lowest[column])
+        draw_panel(axes, panel, real, ideal, by_signal.get(panel.paths[0], []))
+        style_panel(axes, panel, real, bottom=row == lowest[column])
     if has_profile(real):
         above, below = grid[:side_rows, COLUMNS - 1].subgridspec(2, 1, height_ratios=[PLAN_ROWS, 1], hspace=0.22)
         draw_plan(figure.add_subplot(above), real, ideal)
@@ -134,7 +134,7 @@ def plot_run(
     if first is not None and len(real) > 1:
         first.set_xlim(real.t[0], real.t[-1])
         first.xaxis.set_major_locator(MaxNLocator(6))
-    figure.text(LEFT / WIDTH, 1 - 0.3 / height, title or _title(real), fontsize=14, weight="bold", va="center")
+    figure.text(LEFT / WIDTH, 1 - 0.3 / height, title or run_title(real), fontsize=14, weight="bold", va="center")
     handles = _legend(panels, ideal is not None, bool(by_signal), real if side_rows else None)
     if any(has_chatter(axes) for axes in figure.axes):
         handles.append(Patch(color=GREY, alpha=0.3, lw=0, label=CHATTER))
@@ -216,12 +216,14 @@ def _short_label(name: str) -> str:
     return textwrap.fill(name, 13)
 
 
-def _title(log: Log) -> str:
+def run_title(log: Log) -> str:
+    """Return the title of a run: the scenario and the seed."""
     name = str(log.metadata.get("scenario", "Run"))
     return f"{name} · seed {log.metadata['seed']}" if "seed" in log.metadata else name
 
 
-def _draw_panel(axes: Any, panel: Panel, real: Log, ideal: Log | None, targets: list[Target]) -> None:
+def draw_panel(axes: Any, panel: Panel, real: Log, ideal: Log | None, targets: list[Target]) -> None:
+    """Draw the signals of a panel, with limits and targets."""
     if panel.kind == "flags":
         _draw_flags(axes, panel, real)
         return
@@ -305,7 +307,8 @@ def signal_note(panel: Panel) -> str:
     return next((note for note in notes if NOTE_POINTS * len(note) <= room), "")
 
 
-def _style_panel(axes: Any, panel: Panel, log: Log, *, bottom: bool) -> None:
+def style_panel(axes: Any, panel: Panel, log: Log, *, bottom: bool) -> None:
+    """Write title, unit and ticks of a panel. bottom: True if the time axis is labelled."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 
     path = panel.paths[0]

@@ -42,19 +42,19 @@ def find_rest(run: LoopStep, s: Any, a: Any, count: int, times: Sequence[float])
 
     Raise InputError if none does.
     """
-    t, last, span = 0, math.inf, count * run.tick
+    t, last, span = 0, _Unrest(math.inf, ""), count * run.tick
     for after in times:
         s, a, t = run.fly(s, a, t, count * max(1, round((seconds(after) - t) / span)))
         found = _search(run, s, a, t, count)
         if not isinstance(found, _Unrest):
             return found
-        if not found.change < 0.5 * last:
+        is_calmer, last = found.change < 0.5 * last.change, found
+        if not is_calmer:
             break
-        last = found.change
     name = run.loop.name or "SCENARIO"
     fix = f"set a constant reference (trimtab list {name}), fly longer with {argument('settle', 5000)}, or set the "
     fix += f"time of one lap of a closed path: {argument('round', 5)}"
-    problem = f"the loop does not come to rest: after {to_seconds(t):g} s of flight, {found.text}"
+    problem = f"the loop does not come to rest: after {to_seconds(t):g} s of flight, {last.text}"
     raise InputError("linearise", problem, fix=fix)
 
 

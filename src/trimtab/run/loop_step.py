@@ -84,8 +84,8 @@ class LoopStep:
 
     def _many(self, s: Any, a: Any, t: Any, count: int) -> tuple[Any, Any]:
         def body(j: Any, carry: Any) -> tuple[Any, Any]:
-            s, a, _ = self._step(*carry, t + j * self.tick)
-            return s, a
+            s, a = carry
+            return self._step(s, a, t + j * self.tick)[:2]
 
         return jax.lax.fori_loop(0, count, body, (s, a))
 
