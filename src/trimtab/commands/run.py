@@ -109,8 +109,7 @@ def command(
     SCENARIO is a name from `trimtab list`, or your own: my_boat.py:scenario.
 
     \b
-    trimtab run hovercraft/zero-velocity --plot rest.png
-    trimtab run hovercraft/zero-velocity --animate rest.gif
+    trimtab run hovercraft/zero-velocity --plot rest.png --animate rest.gif
     trimtab run hovercraft/heading-bang-bang --set initial=moving --seed 3
     trimtab run hovercraft/forward --without navigation-error --out forward/
     trimtab run hovercraft/spin --set autopilot.law.spinning.k2=5 --duration '30 s' --json
