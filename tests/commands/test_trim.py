@@ -9,10 +9,12 @@ import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
+from trimtab.commands.linearise import print_modes
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, quantity, record, replace
 from trimtab.core.signals import Motion
 from trimtab.design.linear_file import read_linear
+from trimtab.design.linearise import LinearModel
 from trimtab.run.design_point import find_point, smooth_model
 from trimtab.run.plant import load_plant, plant_of_vehicle
 
@@ -301,3 +303,14 @@ def test_f16_is_trimmed_in_level_flight():
     assert set(turn["taken"]) == {"speed", "yaw", "beta"}
     coordinated = np.arctan(540 * FOOT * np.radians(6) / 9.80665)
     assert turn["states"]["roll"] == pytest.approx(coordinated, abs=0.05)
+
+
+def test_multiple_pole_takes_one_row_of_the_table(capsys):
+    A, I, none = np.diag([0.0, 0.0, 0.0, -2.0]), np.eye(4), np.zeros(4)
+    print_modes(LinearModel(A, I, I, 0 * I, none, none, none, none, tuple("abcd"), tuple("efgh"), tuple("abcd")))
+    rows = [
+        line.split()[:3]
+        for line in capsys.readouterr().out.splitlines()
+        if any(c.isdigit() for c in line.split("pole")[0])
+    ]
+    assert [row[:3] for row in rows] == [["3", "×", "+0"], ["-2", "2", "1.0000"]], rows

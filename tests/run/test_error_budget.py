@@ -39,7 +39,7 @@ def test_navigation_noise_is_the_dominant_error_source(found):
 @pytest.mark.thorough
 def test_budget_rows_match_direct_simulations(forward, found):
     budget, told = found
-    assert told == ["all", "none"] + [
+    assert told == ["all imperfections", "no imperfections"] + [
         f"{how}" for n in ("navigation-error", "uplink-delay") for how in (f"without {n}", f"{n} alone")
     ]
     assert len(told) == flight_set_count(forward, ["navigation-error", "uplink-delay"])

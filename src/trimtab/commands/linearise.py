@@ -1,5 +1,6 @@
 """`trimtab linearise`: poles, modes, zeros, Gramians and matrices of a vehicle's linear model about a trim."""
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -220,12 +221,16 @@ def _print_result(
 
 
 def print_modes(linear: LinearModel) -> None:
-    """Print a table of poles and their participating states."""
+    """Print a table of poles and their participating states. A multiple pole takes one row."""
     table = new_table(">pole [1/s]", ">rad/s", ">damping", ">time [s]", "states, by participation")
+    rows: list[tuple[str, ...]] = []
     for m in linear.modes(least=0.05):
         pole = f"{m.pole.real:+.5g}" + (f" ± {m.pole.imag:.5g}i" if m.pole.imag else "")
         damping = "-" if np.isnan(m.damping) else f"{m.damping:.4f}"
         time = "-" if np.isinf(m.time_constant) else f"{m.time_constant:.4g}"
         names = ", ".join(f"{n} {s:.2f}" for n, s in m.states)
-        table.add_row(pole, f"{m.frequency:.4g}", damping, time, names)
+        rows.append((pole, f"{m.frequency:.4g}", damping, time, names))
+    for (pole, *rest), same in itertools.groupby(rows):  # a multiple pole, e.g. six at 0
+        count = len(list(same))
+        table.add_row(pole if count == 1 else f"{count} × {pole}", *rest)
     print_table(table)

@@ -22,8 +22,8 @@ from trimtab.run.known_signals import find_signals
 from trimtab.run.simulate import simulate_many
 from trimtab.scenarios.build import find_scenario
 
-ALL, NONE = "all", "none"
-"""Names of the set of flights with all imperfections ("all") and of the set without imperfections ("none")."""
+ALL, NONE = "all imperfections", "no imperfections"
+"""Names of the set of flights with all imperfections, and of the set without imperfections."""
 NAVIGATION_FIELDS = {
     "position": ("north", "east"),
     "velocity": ("surge_velocity", "sway_velocity"),
