@@ -147,3 +147,20 @@ def test_run_option_flies_same_run_as_simulate():
     assert found["run"] == 5
     assert found["real"]["final"]["yaw_rate"] == log.final["truth.yaw_rate"]
     assert log.final["truth.yaw_rate"] != simulate(build(SCENARIO, {"duration": "4"}), seed=3).final["truth.yaw_rate"]
+
+
+@pytest.mark.thorough
+def test_animation_shows_the_runs_or_one_run(tmp_path):
+    done = typed("--animate", str(tmp_path / "all.gif"), "--json")
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["files"] == [str(tmp_path / "all.gif")]
+    done = typed("--rerun", "2", "--animate", str(tmp_path / "one.gif"))
+    assert f"wrote {tmp_path / 'one.gif'}" in done.stdout, done.output
+    cart = ["campaign", "examples/my_cart.py:scenario", "--runs", "4"]
+    for words, says in (
+        ((*cart, "--animate", "paths.gif"), "has no north and east"),
+        ((*cart, "--animate", "paths.png"), "does not end in .gif"),
+    ):
+        refused = CliRunner().invoke(main, words)
+        assert refused.exit_code == 2
+        assert says in refused.stderr

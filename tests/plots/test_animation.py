@@ -9,7 +9,7 @@ from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target
 from trimtab.plots import animation
-from trimtab.plots.animation import animate_run
+from trimtab.plots.animation import animate_paths, animate_run
 
 
 def flown(duration=1.6, heading=True):
@@ -64,6 +64,21 @@ def test_run_without_a_position_is_animated_by_its_signals(tmp_path):
     animate_run(log, log, tmp_path / "signals.gif")
     first, last = (frames(tmp_path / "signals.gif")[k][0] for k in (0, -2))
     assert (first != last).any()
+
+
+def test_runs_of_a_campaign_move_together(tmp_path):
+    fast = flown()
+    slow = Log(fast.t, fast.ticks, {path: fast[path] * (0.5 if path == "truth.east" else 1) for path in fast.paths})
+    animate_paths([fast, slow], [True, False], tmp_path / "two.gif", "two runs")
+    reds, blues = [], []
+    for frame, _ in frames(tmp_path / "two.gif")[5:]:  # apart from here on
+        red, green, blue = np.moveaxis(frame[30:310, 50:], 2, 0)
+        reds.append(np.nonzero(((red - blue > 120) & (green < 140)).any(axis=0))[0].max())
+        blues.append(np.nonzero(((blue - red > 100) & (red < 60)).any(axis=0))[0].max())
+    assert (blues[-1] - blues[0]) == pytest.approx(2 * (reds[-1] - reds[0]), rel=0.1)
+    lost = Log(fast.t, fast.ticks, {"truth.surge": fast["truth.surge"]})
+    with pytest.raises(InputError, match="no north and east"):
+        animate_paths([lost], [True], tmp_path / "lost.gif")
 
 
 def test_refuses_other_formats_and_logs_without_a_span(tmp_path):

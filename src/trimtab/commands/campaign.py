@@ -17,7 +17,14 @@ from trimtab.analysis.campaign.sampling.points import DESIGNS
 from trimtab.analysis.campaign.statistics.requirement import RequirementVerdict, evaluate_requirement
 from trimtab.analysis.campaign.statistics.stopping import evaluate_stopping
 from trimtab.analysis.campaign.store.store import count_missing_rows, estimate_store_size
-from trimtab.commands.campaign_tables import print_campaign, summarise_metrics, write_pictures
+from trimtab.commands.campaign_tables import (
+    ANIMATED,
+    check_plan_view,
+    draw_animation,
+    print_campaign,
+    summarise_metrics,
+    write_pictures,
+)
 from trimtab.commands.options import (
     FILE,
     FLIGHT,
@@ -33,7 +40,15 @@ from trimtab.commands.options import (
     WITHOUT,
     is_calibration,
 )
-from trimtab.commands.output import check_folder, new_table, print_files, print_json, print_table
+from trimtab.commands.output import (
+    check_animation,
+    check_folder,
+    draw_plot,
+    new_table,
+    print_files,
+    print_json,
+    print_table,
+)
 from trimtab.commands.progress import announce_size, show_count, warn_of_room
 from trimtab.commands.written_files import check_new_in
 from trimtab.core.cache_folder import enable_cache
@@ -118,6 +133,9 @@ def parse_correlations(context: click.Context, parameter: click.Parameter, value
 @click.option("--tls-cert", type=FILE, metavar="FILE", help="TLS certificate of this client.")
 @click.option("--tls-key", type=FILE, metavar="FILE", help="TLS key of this client.")
 @OUT("DIR", "Write pictures and the table of runs (Parquet) to this folder.")
+@click.option(
+    "--animate", type=FILE, metavar="FILE", help=f"Draw an animation of the first {ANIMATED} runs to this file (.gif)."
+)
 @JSON
 def command(
     scenario: str,
@@ -132,6 +150,7 @@ def command(
     tls_cert: Path | None,
     tls_key: Path | None,
     out: Path | None,
+    animate: Path | None,
     as_json: bool,
     **plan: Any,
 ) -> None:
@@ -157,14 +176,13 @@ def command(
     trimtab campaign hovercraft/spin --runs 4000 --require 'success >= 0.99 @ 95%' --out spin
     """
     _check_device(device)
-    if out is not None:
-        check_folder("--out", out)
-        check_new_in("--out", out, "*.png", "campaign.parquet", "run-*.mcap")
+    _check_files(out, animate)
     enable_cache()
     notes = _expand_calibrations(scenario, plan)
     campaign = Campaign(scenario, **plan)
     if rerun is not None:
-        sys.exit(0 if _rerun_row(campaign, rerun, store, out, as_json) else 1)
+        sys.exit(0 if _rerun_row(campaign, rerun, store, out, animate, as_json) else 1)
+    check_plan_view(campaign, animate)
     requirements = [parse_requirement(text) for text in require]
     if campaign.plan.sampling in DESIGNS and (requirements or stop):
         problem = f"the runs of a {campaign.plan.sampling} design are not independent"
@@ -177,11 +195,11 @@ def command(
     flight = {"backend": "jax" if device == "gpu" else "auto", "threads": threads, "workers": workers}
     result = _fly_campaign(campaign, store, stop=stops_at, **flight)
     verdicts = [evaluate_requirement(one, result.columns, anytime=stops_at is not None) for one in requirements]
-    files = _write_files(campaign, result, out)
+    files = [*_write_files(campaign, result, out), *draw_animation(campaign, result, animate)]
     if as_json:
         print_json(_result_json(scenario, result, verdicts, store) | {"notes": notes, "files": files})
     else:
-        print_campaign(campaign, result, verdicts, drop_option(_typed_command(), "--out"))
+        print_campaign(campaign, result, verdicts, drop_option(drop_option(_typed_command(), "--out"), "--animate"))
         for note in notes:
             click.echo(f"note: {note}")
         print_files(files)
@@ -224,6 +242,14 @@ def _check_device(device: str) -> None:
         problem = f"JAX finds no GPU, only {jax.default_backend()}"
         fix = f"leave --device out, or on a machine with a GPU: {install_command('cuda12', 'jax')}"
         raise InputError("--device gpu", problem, fix=fix)
+
+
+def _check_files(out: Path | None, animation: Path | None) -> None:
+    """Raise InputError if the folder of --out or the file of --animate cannot be written."""
+    check_animation(animation)
+    if out is not None:
+        check_folder("--out", out)
+        check_new_in("--out", out, "*.png", "campaign.parquet", "run-*.mcap")
 
 
 def _stopping_function(text: str | None, campaign: Campaign) -> Callable[[Any], bool] | None:
@@ -309,10 +335,12 @@ def _result_json(
     }
 
 
-def _rerun_row(campaign: Campaign, run: int, store: Path | None, out: Path | None, as_json: bool) -> bool:
+def _rerun_row(
+    campaign: Campaign, run: int, store: Path | None, out: Path | None, animation: Path | None, as_json: bool
+) -> bool:
     """Repeat a run and record all signals. Return False if the results differ from those in the store."""
     scenario = campaign.scenario(run)
-    log = campaign.rerun(run)
+    log, title = campaign.rerun(run), f"{scenario.name}, run {run}"
     row = campaign.row(run, log)
     differs = _differing_columns(store, run, row)
     files: list[Path] = []
@@ -322,7 +350,11 @@ def _rerun_row(campaign: Campaign, run: int, store: Path | None, out: Path | Non
         out.mkdir(parents=True, exist_ok=True)
         files = [out / f"run-{run}.mcap", out / f"run-{run}.png"]
         write_mcap(log, files[0])
-        plot_run(log, None, files[1], title=f"{scenario.name}, run {run}", targets=tuple(scenario.targets))
+        plot_run(log, None, files[1], title=title, targets=tuple(scenario.targets))
+    if animation is not None:
+        from trimtab.plots.animation import animate_run
+
+        files += draw_plot(animation, animate_run, log, None, title=title, targets=tuple(scenario.targets))
     if as_json:
         numbers = {name: value.item() for name, value in row.items()}
         print_json({"run": run, "row": numbers, "differs": differs, "files": [str(f) for f in files]})

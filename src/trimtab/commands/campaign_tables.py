@@ -1,4 +1,4 @@
-"""Results of a campaign as tables, JSON data and pictures."""
+"""Results of a campaign as tables, JSON data, pictures and animation."""
 
 import re
 from collections.abc import Sequence
@@ -14,8 +14,11 @@ from trimtab.analysis.campaign.statistics.intervals import quantile
 from trimtab.analysis.campaign.statistics.morris import Morris, morris
 from trimtab.analysis.campaign.statistics.requirement import RequirementVerdict
 from trimtab.analysis.campaign.statistics.sensitivity import Sensitivity, sensitivity
-from trimtab.commands.output import console, new_table, print_table
+from trimtab.commands.output import console, draw_plot, new_table, print_table
+from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity, leaves
+from trimtab.core.time import seconds
+from trimtab.run.known_signals import find_signals
 
 SHOWN_QUANTILES = {"p5": 0.05, "median": 0.5, "p95": 0.95}
 BANDS = ("median", "p95")
@@ -27,6 +30,8 @@ TABLE_WIDTH = 105
 """Minimum terminal width (characters) at which the table shows confidence bands."""
 MOST_FAILED_RUNS = 8
 """Maximum number of failed runs that are listed."""
+ANIMATED = 40
+"""Maximum number of runs in an animation."""
 
 
 def metric_names(result: CampaignResult) -> list[str]:
@@ -148,3 +153,25 @@ def write_pictures(campaign: Campaign, result: CampaignResult, folder: Path) -> 
 def _file_stem(name: str) -> str:
     """Return a metric's name as part of a file name."""
     return re.sub(r"[^A-Za-z0-9_.-]+", "-", name).strip("-")
+
+
+def check_plan_view(campaign: Campaign, animation: Path | None) -> None:
+    """Raise InputError if the file of --animate is named, but the runs cannot be drawn in a plan view."""
+    if animation is not None and not {"truth.north", "flight.north"} & find_signals(campaign.scenario(0)).shapes.keys():
+        problem = "the true state of the vehicle has no north and east, which the animation of a campaign needs"
+        raise InputError(
+            "--animate", problem, fix="leave --animate out, or animate one run: --rerun 0 --animate FILE.gif"
+        )
+
+
+def draw_animation(campaign: Campaign, result: CampaignResult, file: Path | None) -> list[str]:
+    """Repeat the first runs of a campaign, and draw them to the file of --animate. Return the files written."""
+    if file is None:
+        return []
+    from trimtab.plots.animation import FRAME_S, animate_paths
+
+    runs, success = result.columns["run"][:ANIMATED], result.columns["success"][:ANIMATED]
+    period = seconds(FRAME_S / 4)
+    logs = [campaign.rerun(int(run), log_period=period, signals=("truth",)) for run in runs]
+    title = f"{campaign.plan.scenario}, {len(logs)} runs"
+    return [str(one) for one in draw_plot(file, animate_paths, logs, success.astype(bool).tolist(), title=title)]
