@@ -86,7 +86,9 @@ def animate_run(
     cells = [grid[row, column] for column in ((1,) if has_map else (0, 1)) for row in range(SIGNALS)]
     movers = _draw_map(figure.add_subplot(grid[:, 0]), real, ideal) if has_map else []
     if not has_map and ideal is not None:
-        handles = [Line2D([], [], color=c, label=label) for c, label in ((BLUE, "real"), (VERMILION, "ideal"))]
+        several = any(real[p].ndim > 1 for p in real.paths if p.startswith("truth."))  # a colour for each element
+        looks = ((GREY, "-"), (GREY, "--")) if several else ((BLUE, "-"), (VERMILION, "-"))
+        handles = [Line2D([], [], color=c, ls=ls, label=n) for (c, ls), n in zip(looks, ("real", "ideal"), strict=True)]
         figure.legend(handles=handles, loc="outside lower left", ncols=2, frameon=False, fontsize=9)
     cursors = _draw_signals(figure, cells, real, ideal, wanted)
     figure.suptitle(title or run_title(real), fontsize=12, weight="bold", x=0.01, ha="left")
