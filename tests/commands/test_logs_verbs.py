@@ -5,10 +5,14 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
+from trimtab.core.time import ms, to_seconds
+from trimtab.logs.log import Log
+from trimtab.logs.mcap import write_mcap
 
 REST = "hovercraft/zero-velocity"
 
@@ -39,13 +43,21 @@ def test_plot_draws_only_named_signals(flights):
     assert "truth.yaw_rate" in picture.read_text()
 
 
-def test_run_and_plot_draw_animations(tmp_path):
-    done = call(
-        "run", REST, "--duration", "0.3", "--no-ideal", "--animate", tmp_path / "a.gif", "--out", tmp_path / "a"
-    )
+@pytest.mark.thorough
+def test_run_draws_animation_and_refuses_other_formats(tmp_path):
+    done = call("run", REST, "--duration", "0.3", "--animate", tmp_path / "a.gif")
     assert done.exit_code == 0, done.output
     assert f"wrote {tmp_path / 'a.gif'}" in done.stdout
-    log = tmp_path / "a" / "run.mcap"
+    assert (tmp_path / "a.gif").read_bytes()[:6] == b"GIF89a"
+    refused = call("run", REST, "--animate", tmp_path / "a.mp4")
+    assert refused.exit_code == 2
+    assert f"--animate {tmp_path / 'a.gif'}" in refused.stderr
+
+
+def test_plot_draws_animation_of_a_log(tmp_path):
+    ticks = np.arange(4) * ms(100)
+    log = tmp_path / "run.mcap"
+    write_mcap(Log(to_seconds(ticks), ticks, {"truth.north": 0.1 * ticks, "truth.east": 0.0 * ticks}), log)
     done = call("plot", log, "--animate", tmp_path / "b.gif", "--json")
     assert json.loads(done.stdout)["files"] == [str(tmp_path / "b.gif")]
     assert (tmp_path / "b.gif").read_bytes()[:6] == b"GIF89a"

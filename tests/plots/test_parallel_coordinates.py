@@ -5,7 +5,8 @@ import pytest
 from matplotlib.image import imread
 
 from trimtab.core.errors import InputError
-from trimtab.plots.campaign import MOST_LINES, plot_parallel, short_names, thin_rows
+from trimtab.plots.campaign import MOST_LINES, plot_parallel, short_names
+from trimtab.plots.style import thin_rows
 
 RNG = np.random.default_rng(0)
 

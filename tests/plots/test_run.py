@@ -235,7 +235,7 @@ def test_file_suffix_selects_the_picture_format(tmp_path):
         plot_run(flown(), path=tmp_path / "run.doc")
     with pytest.raises(InputError, match="mkdir -p"):
         plot_run(flown(), path=tmp_path / "no" / "run.png")
-    with pytest.raises(InputError, match="no such signal"):
+    with pytest.raises(InputError, match="no signal has this name"):
         plot_run(flown(), targets=[Target("truth.depth", 1.0, 0.5)])
 
 

@@ -193,5 +193,6 @@ def test_slow_climb_linearises_after_its_reference_becomes_constant():
 
 @pytest.mark.thorough
 def test_loop_that_diverges_is_not_at_rest():
-    with pytest.raises(InputError, match=r"does not come to rest: after 100 s of flight, .* is not finite"):
+    with pytest.raises(InputError, match=r"does not come to rest: after 100 s of flight, .* is not finite") as refused:
         linearise_loop(build("hypersonic/printed-gains"))
+    assert refused.value.fix == "stabilise the loop first; its flight:  trimtab run hypersonic/printed-gains"

@@ -70,7 +70,8 @@ def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
         problem = f"{len(received)} packets arrived, too few for a distribution"
         raise InputError(where, problem, fix=f"record at least {PACKETS_MIN} packets, preferably 300")
     if not SHORTEST <= np.median(received) <= LONGEST:
-        problem = f"the median latency must be {SHORTEST:g} to {LONGEST:g} s, got {np.median(received):.3g} s"
+        problem = f"the median latency must be between {1e6 * SHORTEST:g} us and {LONGEST:g} s,"
+        problem += f" got {np.median(received):.3g} s"
         raise InputError(where, problem, fix="check the unit: sent_s and latency_s are both in seconds")
     _refuse_unchanged(where, trace)
     same = (np.diff(trace.sent_s) == 0) & (np.diff(trace.latency_s) == 0) & (np.diff(trace.lost.astype(int)) == 0)

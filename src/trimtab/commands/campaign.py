@@ -17,14 +17,8 @@ from trimtab.analysis.campaign.sampling.points import DESIGNS
 from trimtab.analysis.campaign.statistics.requirement import RequirementVerdict, evaluate_requirement
 from trimtab.analysis.campaign.statistics.stopping import evaluate_stopping
 from trimtab.analysis.campaign.store.store import count_missing_rows, estimate_store_size
-from trimtab.commands.campaign_tables import (
-    ANIMATED,
-    check_plan_view,
-    draw_animation,
-    print_campaign,
-    summarise_metrics,
-    write_pictures,
-)
+from trimtab.commands.campaign_pictures import ANIMATED, check_plan_view, draw_animation, write_pictures
+from trimtab.commands.campaign_tables import print_campaign, summarise_metrics
 from trimtab.commands.options import (
     FILE,
     FLIGHT,

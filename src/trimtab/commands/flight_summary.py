@@ -346,7 +346,7 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
             click.echo(
                 f"INTEGRATION ({side}): the estimated error of a step is {size}, {first}. Do not trust the results."
             )
-            click.echo("  Fix: a shorter --set world.max_step, or --set world.integration.method: rk45 or rosenbrock")
+            click.echo("  Fix: a shorter --set world.max_step=…, or --set world.integration.method=rosenbrock or =rk45")
         for name, said in summary.get("monitor", {}).items():
             least, first = said["least_robustness"], said["violated_s"]
             number = "" if least is None else f", least robustness {format_number(least)}"

@@ -70,7 +70,7 @@ def check_targets(
         seen.add(path)
         if path in numbers:
             continue
-        problem = "there is no such signal"
+        problem = "no signal has this name"
         if numbers:
             problem = f"{whole!r} has shape {shape_of(whole)}, but a target needs one number"
         near = numbers or [p for p in paths if p.startswith(f"{path}.")] or closest(path, paths) or list(paths)

@@ -17,9 +17,9 @@ from trimtab.logs.log import Log
 from trimtab.logs.mcap import replace_file
 from trimtab.logs.metrics import Target, target_path
 from trimtab.logs.spatial import with_flight
-from trimtab.plots.plan import draw_plan, drawn_rows, find_path, has_plan
+from trimtab.plots.plan import POINTS, draw_plan, find_path, has_plan
 from trimtab.plots.run import Panel, draw_panel, run_title, select_panels, style_panel
-from trimtab.plots.style import BLUE, GREY, ORANGE, VERMILION, new_figure, style_axes
+from trimtab.plots.style import BLUE, GREY, ORANGE, VERMILION, new_figure, style_axes, thin_rows
 
 FRAME_S = 0.08
 """Time for which a frame is shown (s)."""
@@ -32,7 +32,7 @@ WIDTH, HEIGHT, DPI = 8.0, 4.6, 80
 PATHS_WIDTH = 6.0
 """Width of the figure of several runs (inches)."""
 COLOURS = 32
-"""Number of colours of the GIF. With this number, a GIF of 100 frames takes about 0.2 MB."""
+"""Number of colours of the GIF. More colours make the file larger."""
 SIGNALS = 3
 """Number of signals beside the plan view. Without a plan view, twice as many are drawn."""
 CRAFT = np.array([[1.0, 0.0], [0.3, 0.4], [-0.8, 0.4], [-0.8, -0.4], [0.3, -0.4]])
@@ -130,7 +130,7 @@ def animate_paths(logs: Sequence[Log], success: Sequence[bool], path: str | Path
         found = find_path(log, "truth")
         assert found is not None
         colour = BLUE if is_success else VERMILION
-        axes.plot(*found[0][drawn_rows(len(log))].T, color=colour, lw=0.6, alpha=0.15)
+        axes.plot(*found[0][thin_rows(np.arange(len(log)), POINTS)].T, color=colour, lw=0.6, alpha=0.15)
         movers.append(Mover(log.t, *found, _new_craft(axes, colour, colour, width=0.8), CRAFT_OF_MANY))
     style_axes(axes, "", "", "north (m)")
     axes.set_xlabel("east (m)", fontsize=9)
@@ -221,7 +221,7 @@ def _move(mover: Mover, t: float) -> None:
     """Set the trail and the outline of a craft at time t (s)."""
     trail, craft = mover.artists
     k = max(int(np.searchsorted(mover.t, t + 1e-9)) - 1, 0)
-    trail.set_data(*mover.path[drawn_rows(k + 1)].T)
+    trail.set_data(*mover.path[thin_rows(np.arange(k + 1), POINTS)].T)
     centre = mover.path[k]
     craft.set_visible(bool(np.isfinite(centre).all()))
     low, high = trail.axes.get_xlim()

@@ -15,7 +15,18 @@ from trimtab.analysis.campaign.statistics.morris import Morris
 from trimtab.analysis.campaign.statistics.requirement import success_proportion
 from trimtab.analysis.campaign.statistics.sensitivity import Sensitivity
 from trimtab.core.errors import InputError
-from trimtab.plots.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, PicturePath, new_figure, save_figure
+from trimtab.plots.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    VERMILION,
+    PicturePath,
+    new_figure,
+    save_figure,
+    thin_rows,
+)
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -75,13 +86,6 @@ def plot_parallel(
     axes.spines[:].set_visible(False)
     figure.legend(loc="outside lower center", ncols=2, fontsize=9, frameon=False)
     return save_figure(figure, path)
-
-
-def thin_rows(rows: Any, most: int) -> Any:
-    """Return up to `most` of the run indices `rows`, evenly spread, including the first and the last."""
-    if len(rows) <= most:
-        return rows
-    return rows[np.linspace(0, len(rows) - 1, most).round().astype(int)]
 
 
 def _axis_positions(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any, Any]:

@@ -23,6 +23,7 @@ from trimtab.plots.style import (
     new_figure,
     save_figure,
     style_axes,
+    thin_rows,
 )
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
@@ -94,14 +95,14 @@ def plot_plan(log: Log, ideal: Log | None = None, path: PicturePath = None, titl
 def draw_plan(axes: Any, log: Log, ideal: Log | None = None) -> None:
     """Draw the plan view of a run into a panel."""
     north, east = (log[_prefix(log) + name] for name in ("north", "east"))
-    size, shown = _span(north, east), drawn_rows(len(log))
+    size, shown = _span(north, east), thin_rows(np.arange(len(log)), POINTS)
     _draw_fence(axes, find_fence(log.metadata.get("parameters") or {}), north, east)
     if "law.north_reference" in log and "law.east_reference" in log:
         wanted = log["law.east_reference"][shown], log["law.north_reference"][shown]
         asked = _is_valid(log)[shown]
         axes.plot(*(np.where(asked, x, np.nan) for x in wanted), color=GREEN, lw=2.5, alpha=0.5, label="reference")
     if ideal is not None and has_plan(ideal):
-        at = drawn_rows(len(ideal))
+        at = thin_rows(np.arange(len(ideal)), POINTS)
         way = (ideal[_prefix(ideal) + name][at] for name in ("east", "north"))
         axes.plot(*way, color=VERMILION, lw=1.1, ls="--", label="ideal")
     axes.plot(east[shown], north[shown], color=BLUE, lw=1.4, label="truth")
@@ -179,7 +180,7 @@ def draw_profile(axes: Any, log: Log, ideal: Log | None = None) -> None:
     for one, colour, look in ((ideal, VERMILION, "--"), (log, BLUE, "-")):
         if one is None or not has_profile(one):
             continue
-        shown, up = drawn_rows(len(one)), one[f"{FLIGHT}altitude"]
+        shown, up = thin_rows(np.arange(len(one)), POINTS), one[f"{FLIGHT}altitude"]
         steps = np.hypot(*(np.diff(one[FLIGHT + name]) for name in ("north", "east")))
         way = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])
         axes.plot(way[shown], up[shown], color=colour, lw=1.2, ls=look)
@@ -201,11 +202,6 @@ def _draw_headings(axes: Any, headings: Any, places: Any, length: float) -> None
 
 def _is_valid(log: Log) -> Any:
     return log["estimate.valid"].astype(bool) if "estimate.valid" in log else np.ones(len(log), bool)
-
-
-def drawn_rows(n: int) -> Any:
-    """Return at most POINTS of the indices 0 to n - 1, evenly spaced."""
-    return np.unique(np.linspace(0, n - 1, min(n, POINTS)).astype(int))
 
 
 def _ends(x: Any) -> tuple[float, float]:

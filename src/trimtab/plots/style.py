@@ -80,6 +80,13 @@ def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray
     return t[kept], x[kept]
 
 
+def thin_rows(rows: Any, most: int) -> Any:
+    """Return up to `most` of the indices `rows` (n,), evenly spread, including the first and the last."""
+    if len(rows) <= most:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, most).round().astype(int)]
+
+
 def draw_line(axes: Any, t: np.ndarray, x: np.ndarray, *, logarithmic: bool = False, **look: Any) -> None:
     """Draw a line (n,), (n,) with a reduced number of points.
 

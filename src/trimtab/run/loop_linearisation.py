@@ -65,7 +65,7 @@ def linearise_loop(
     """
     if settle is not None and not 0 <= settle <= SETTLE_MAX:
         problem = f"must be between 0 and {SETTLE_MAX:g} s, got {settle:g} s"
-        raise InputError(argument_name("settle"), problem, fix=argument("settle", SETTLE_TIMES[1]))
+        raise InputError(argument_name("settle"), problem, fix=argument("settle", int(SETTLE_TIMES[1])))
     loop = _prepare_loop(scenario, direct, tuple(off))
     tick, count, slowest = _find_period(loop)
     if round_time is not None:

@@ -38,9 +38,15 @@ class _Unrest(NamedTuple):
 
 
 def find_rest(run: LoopStep, s: Any, a: Any, count: int, times: Sequence[float]) -> tuple[Any, Any, int, Any, Any]:
-    """Return what `_search` returns, after the first of the given times of flight (s) that leads to rest.
+    """Fly a loop until it is at rest. Return its states, the time (100 ns), the mask of idle states, and the matrices.
 
-    Raise InputError if none does.
+    Args:
+        run: step of the loop.
+        s, a: initial states of world and autopilot.
+        count: number of steps in a period of the loop.
+        times: times of flight (s) after which the equilibrium is searched, one after the other.
+
+    Raises: InputError if the loop is at rest after none of the times.
     """
     t, last, span = 0, _Unrest(math.inf, ""), count * run.tick
     for after in times:
@@ -54,6 +60,7 @@ def find_rest(run: LoopStep, s: Any, a: Any, count: int, times: Sequence[float])
     name = run.loop.name or "SCENARIO"
     fix = f"set a constant reference (trimtab list {name}), fly longer with {argument('settle', 5000)}, or set the "
     fix += f"time of one lap of a closed path: {argument('round', 5)}"
+    fix = fix if math.isfinite(last.change) else f"stabilise the loop first; its flight:  trimtab run {name}"
     problem = f"the loop does not come to rest: after {to_seconds(t):g} s of flight, {last.text}"
     raise InputError("linearise", problem, fix=fix)
 

@@ -191,7 +191,7 @@ def _name_rows(table: Table, chosen: Any, rows: Iterable[int]) -> str:
 
 
 def _find_finite(where: str, values: Mapping[str, Any]) -> Any:
-    """Return a mask of the rows with only finite values. Raise InputError if there is no such row."""
+    """Return a mask of the rows whose values are all finite. Raise InputError if the mask is empty."""
     sound = np.array([np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in values.values()]).all(axis=0)
     if not sound.any():
         bad = [name for name, array in values.items() if not np.isfinite(array).any()]
