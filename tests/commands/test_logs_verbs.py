@@ -7,9 +7,11 @@ import sys
 
 import numpy as np
 import pytest
+from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
 from trimtab.cli import main
+from trimtab.commands.typed_names import keep_paths
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import write_mcap
@@ -112,6 +114,23 @@ def test_shell_completion_offers_verbs_scenarios_and_settings():
     assert complete("trimtab", "run", "hovercraft/zero") == [REST]
     assert call("list", REST).exit_code == 0
     assert complete("trimtab", "run", REST, "--set", "world.vehicle.ma") == ["world.vehicle.mass="]
+
+
+@pytest.mark.parametrize(
+    ("words", "last", "offered"),
+    [
+        (["run", REST, "--set"], "world.vehicle.ma", ["world.vehicle.mass="]),
+        (["run", REST, "--seed"], "", []),
+        (["run", "hovercraft/spinn"], "--animat", ["--animate"]),
+        (["rum"], "--see", []),
+    ],
+    ids=str,
+)
+def test_incomplete_lines_are_completed_without_errors(tmp_path, monkeypatch, words, last, offered):
+    monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path))
+    keep_paths(REST, ["world.vehicle.mass", "world.vehicle.inertia"])
+    found = ShellComplete(main, {}, "trimtab", "_TRIMTAB_COMPLETE").get_completions(words, last)
+    assert [item.value for item in found] == offered
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

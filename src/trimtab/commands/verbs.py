@@ -115,8 +115,12 @@ class Verbs(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return a subcommand, after a check of its name, the scenario, the settings and the platform of JAX.
 
+        The incomplete line that a shell completes is not checked.
+
         Raises: InputError with the nearest names, or for a platform that JAX cannot use.
         """
+        if ctx.resilient_parsing:
+            return super().resolve_command(ctx, args)
         if args[0] not in self.commands and not args[0].startswith("-"):
             raise _unknown_verb(args[0], tuple(self.commands))
         typed_names.check_names(args, self._parse_words(ctx, args))
