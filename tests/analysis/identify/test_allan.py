@@ -196,7 +196,7 @@ def test_rejects_stuck_saturated_and_repeated_samples(change, said):
 
 
 def test_accepts_coarse_resolution_with_filter_drift_and_short_runs():
-    """A gyro of 12 bits: 1 s and 10 s of averages give N within 5 %, although 78 to 94 % of its samples are repeated."""
+    """Of a filtered gyro of 12 bits, 80 % of the samples may be repeated, but averages over 1 s give N within 5 %."""
     g = np.random.default_rng(0)
     white = g.standard_normal(21000)
     for width in (10, 20):
