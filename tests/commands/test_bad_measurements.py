@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from trimtab.analysis.identify.virtual_bench import draw_craft, run_bench, write_bench
 from trimtab.cli import main
+from trimtab.commands.calibrate_inputs import find_geometry
 from trimtab.commands.calibrate_link import _find_misfit, _refuse_unchanged
 from trimtab.core.errors import InputError
 from trimtab.links.latency_trace import Trace
@@ -177,6 +178,11 @@ OWN = {
         "gyro",
         lambda x: alter(x, 2, lambda rate: rate / 5),
         "the static gain of the gyro must be 0.5 to 2, got 0.2",
+    ),
+    "angles of hundredths of a degree": (
+        "hull",
+        lambda x: alter(x, 0, lambda angle: angle / 100),
+        r"no value is above 0\.\d+ deg",
     ),
     "latencies of nanoseconds": (
         "link",
@@ -372,3 +378,22 @@ def test_resolution_of_the_clock_is_no_misfit_of_the_latencies():
     assert _find_misfit(np.round(exact, 3), exact, shares) < 0.01
     assert _find_misfit(exact, exact + 2e-4, shares) == pytest.approx(0.38, abs=0.03)  # a shift by one deviation
     assert _find_misfit(np.where(shares < 0.7, 0.02, 0.3), exact, shares) > 0.25
+
+
+def test_latencies_of_a_polled_link_are_fitted_without_remarks(tmp_path):
+    latency = 0.005 + 0.05 * np.random.default_rng(0).random(400)
+    lines = ["sent_s,latency_s", *(f"{0.02 * k:.2f},{value:.6f}" for k, value in enumerate(latency))]
+    done = calibrate("link", lines, tmp_path)
+    assert done.exit_code == 0, done.output
+    assert "do not follow" not in done.output
+
+
+def test_ratio_of_a_rudder_is_used_without_its_offset(tmp_path):
+    file = tmp_path / "boat.toml"
+    file.write_text('version = 1\n["RudderGeometry.ratio"]\nvalue = 1.3\nunit = "1"\nstandard_error = 0.01\n')
+    geometry = find_geometry(file, 0.2)
+    assert geometry.ratio == 1.3
+    assert not np.any(geometry.covariance)
+    file.write_text('version = 1\n["RudderGeometry.ratio"]\nvalue = 0.0\nunit = "1"\n')
+    with pytest.raises(InputError, match="must be above 0, got 0"):
+        find_geometry(file, 0.2)

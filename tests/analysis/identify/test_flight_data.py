@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from trimtab.analysis.identify.flight_data import (
     FlightData,
+    _refuse_jumps,
     actuate,
     find_grid,
     lay_on_grid,
@@ -18,7 +19,9 @@ from trimtab.analysis.identify.flight_data import (
     refuse_copies,
 )
 from trimtab.cli import main
+from trimtab.commands.identify import _read
 from trimtab.core.errors import InputError
+from trimtab.core.quantity import leaves
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.foreign.read import read_foreign
 from trimtab.logs.log import Log
@@ -200,6 +203,16 @@ def test_rejects_the_same_flight_twice() -> None:
         refuse_copies([one, other], [cut])
 
 
+def test_outlier_in_a_short_log_is_rejected() -> None:
+    ticks, y = ms(100) * np.arange(20), np.full((20, 6), np.nan)
+    y[:, 0] = 0.01 * np.arange(20) + 1e-3 * np.random.default_rng(0).standard_normal(20)
+    states = [path for path, _, _ in leaves(build(NAME).initial)]
+    _refuse_jumps("log 'a'", build(NAME), states, ticks, y)
+    y[12, 0] = 3.0
+    with pytest.raises(InputError, match="outlier"):
+        _refuse_jumps("log 'a'", build(NAME), states, ticks, y)
+
+
 def test_command_rejects_the_same_log_twice(tmp_path: Path) -> None:
     read_changed(tmp_path)
     log, words = str(tmp_path / "capture.csv"), ["--fit", "delay", "--map", str(tmp_path / "flight.toml")]
@@ -210,6 +223,14 @@ def test_command_rejects_the_same_log_twice(tmp_path: Path) -> None:
     shown = CliRunner().invoke(main, ["identify", NAME, log, copy, *words])
     assert shown.exit_code == 2
     assert f"log '{copy}': the log has the same measurements as log '{log}'" in " ".join(shown.output.split())
+
+
+def test_measurements_left_out_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    read_changed(tmp_path)
+    file = tmp_path / "capture.csv"
+    file.write_text(file.read_text() + "3000,,0,30\n")
+    _read(file, "capture.csv", build(NAME), None, tmp_path / "flight.toml")
+    assert "capture.csv, mocap: 1 of 31 rows are left out: north is empty" in capsys.readouterr().err
 
 
 def test_rejects_empty_log() -> None:

@@ -82,8 +82,8 @@ def test_rows_left_out_are_described_by_line(write):
 
 def test_rows_are_named_in_the_order_of_the_file(write):
     """The file is not sorted, and has an empty cell before the rows that are named."""
-    log = read_foreign(write("t,x\n0,1\n0.02,\n0.03,3\n0.01,5\n0.03,3\n"), mapping(x={"from": "x", "unit": "m"}))
-    assert log.metadata["left_out"]["imu"].endswith("in line 3; a row is repeated in line 6")
+    log = read_foreign(write("t,x\n0,1\n0.02,\n0.03,3\n0.03,3\n0.01,5\n"), mapping(x={"from": "x", "unit": "m"}))
+    assert log.metadata["left_out"]["imu"].endswith("in line 3; a row is repeated in line 5")
     with pytest.raises(InputError, match=r"the times jump back by 8 s at line 5"):
         read_foreign(write("t,x\n7,1\n8,\n9,2\n1,3\n"), mapping(x={"from": "x", "unit": "m"}))
 
