@@ -213,11 +213,12 @@ def test_accepts_coarse_resolution_with_filter_drift_and_short_runs():
     refuse_stuck("gyro", np.round(g.uniform(-3, 3, 2000)), 0.01)
 
 
-def test_rejects_long_stuck_parts_of_a_log():
+@pytest.mark.parametrize(("spacing", "length", "end"), [(3000, 1500, 18000), (380, 340, 12000)])
+def test_rejects_log_with_many_stuck_parts(spacing, length, end):
     y = np.random.default_rng(0).standard_normal(20000)
-    for start in range(0, 18000, 3000):
-        y[start : start + 1500] = y[start]
-    with pytest.raises(InputError, match=r"in 1500 successive samples from 0\.00 s on"):
+    for start in range(0, end, spacing):
+        y[start : start + length] = y[start]
+    with pytest.raises(InputError, match=f"in {length} successive samples from 0.00 s on"):
         refuse_stuck("gyro", y, 0.01)
 
 
