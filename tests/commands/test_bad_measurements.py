@@ -5,11 +5,16 @@ The data are those of the virtual bench, which are fitted as they are, with one 
 
 import re
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from trimtab.analysis.identify.virtual_bench import draw_craft, run_bench, write_bench
 from trimtab.cli import main
+from trimtab.commands.calibrate_inputs import find_geometry
+from trimtab.commands.calibrate_link import _find_misfit, _refuse_unchanged
+from trimtab.core.errors import InputError
+from trimtab.links.latency_trace import Trace
 
 FILES = {
     "rudder": "servo.csv",
@@ -164,6 +169,31 @@ OWN = {
         lambda x: alter(x, 2, lambda rate: -rate),
         "the static gain of the gyro must be 0.5 to 2, got -1",
     ),
+    "a gyro of three times the rate": (
+        "gyro",
+        lambda x: alter(x, 2, lambda rate: 3 * rate),
+        "the static gain of the gyro must be 0.5 to 2, got 3",
+    ),
+    "a gyro of a fifth of the rate": (
+        "gyro",
+        lambda x: alter(x, 2, lambda rate: rate / 5),
+        "the static gain of the gyro must be 0.5 to 2, got 0.2",
+    ),
+    "angles of hundredths of a degree": (
+        "hull",
+        lambda x: alter(x, 0, lambda angle: angle / 100),
+        r"no value is above 0\.\d+ deg",
+    ),
+    "latencies of nanoseconds": (
+        "link",
+        lambda x: [x[0], *(f"{a},{1e-9 * float(b) if b else ''}" for a, b in (line.split(",") for line in x[1:]))],
+        "the median latency must be 1e-06 to 5 s",
+    ),
+    "latencies of ten seconds": (
+        "link",
+        lambda x: [x[0], *(f"{a},{200 * float(b) if b else ''}" for a, b in (line.split(",") for line in x[1:]))],
+        "the median latency must be 1e-06 to 5 s",
+    ),
     "milliradians under radians": ("inertia", lambda x: alter(x, 2, lambda slope: 1e-3 * slope), "column 'slope'"),
     "milliseconds under seconds": (
         "friction",
@@ -237,6 +267,11 @@ OPTION = {
     "a mass of a spin": ("friction", ("--mass", "2.6 kg"), "--mass: is only for a glide"),
     "no arm": ("inertia", ("--arm", "0 m"), "--arm: must be above 0, got 0 m"),
     "no force": ("spin-up", ("--force", "0 N"), "--force: must not be 0, got 0 N"),
+    "a rudder across to the right": (
+        "spin-up",
+        ("--rudder", "61 deg"),
+        "--rudder: must be between -60 and 60 deg, got 61 deg",
+    ),
     "a rudder across": ("spin-up", ("--rudder", "-120 deg"), "--rudder: must be between -60 and 60 deg, got -120 deg"),
 }
 
@@ -306,3 +341,59 @@ def test_calibration_file_in_another_encoding_is_rejected(bench, tmp_path):
     done = calibrate("hull", bench["hull"], tmp_path, "--out", str(tmp_path / "boat.toml"))
     assert done.exit_code == 2, done.output
     assert "cannot be read" in done.output
+
+
+SENT = 0.02 * np.arange(3000.0)
+JITTER = 1e-3 * np.random.default_rng(0).standard_normal(3000)
+
+
+@pytest.mark.parametrize(
+    ("latency", "said"),
+    [
+        (0.02 + JITTER + 1e-4 * SENT, "the latencies change with sent_s, from 0.0202 s .* to 0.0256 s"),
+        (0.03 + JITTER - 1e-4 * SENT, "the latencies change with sent_s"),
+        (0.02 + JITTER + 5e-5 * SENT, ""),
+        (0.02 + 0.05 * JITTER + 2e-5 * SENT, ""),  # change of 1.2 ms: correlation 0.99, but 6 % of the latency
+        (np.full(3000, 0.02), "latency_s is 0.02 in each line"),
+    ],
+)
+def test_rejects_a_trend_of_the_latency_but_no_small_drift_of_the_clock(latency, said):
+    trace = Trace(SENT, latency, np.zeros(3000, bool))
+    if not said:
+        _refuse_unchanged("file 'up.csv'", trace)
+        return
+    with pytest.raises(InputError, match=said):
+        _refuse_unchanged("file 'up.csv'", trace)
+
+
+def test_rejects_packets_that_were_all_sent_at_one_time():
+    with pytest.raises(InputError, match="sent_s is 1 in each line"):
+        _refuse_unchanged("file 'up.csv'", Trace(np.ones(50), 0.02 + JITTER[:50], np.zeros(50, bool)))
+
+
+def test_resolution_of_the_clock_is_no_misfit_of_the_latencies():
+    exact = np.sort(0.02 + 0.2 * JITTER)
+    shares = (np.arange(3000) + 0.5) / 3000
+    assert _find_misfit(exact, exact, shares) < 1e-3
+    assert _find_misfit(np.round(exact, 3), exact, shares) < 0.01
+    assert _find_misfit(exact, exact + 2e-4, shares) == pytest.approx(0.38, abs=0.03)  # a shift by one deviation
+    assert _find_misfit(np.where(shares < 0.7, 0.02, 0.3), exact, shares) > 0.25
+
+
+def test_latencies_of_a_polled_link_are_fitted_without_remarks(tmp_path):
+    latency = 0.005 + 0.05 * np.random.default_rng(0).random(400)
+    lines = ["sent_s,latency_s", *(f"{0.02 * k:.2f},{value:.6f}" for k, value in enumerate(latency))]
+    done = calibrate("link", lines, tmp_path)
+    assert done.exit_code == 0, done.output
+    assert "do not follow" not in done.output
+
+
+def test_ratio_of_a_rudder_is_used_without_its_offset(tmp_path):
+    file = tmp_path / "boat.toml"
+    file.write_text('version = 1\n["RudderGeometry.ratio"]\nvalue = 1.3\nunit = "1"\nstandard_error = 0.01\n')
+    geometry = find_geometry(file, 0.2)
+    assert geometry.ratio == 1.3
+    assert not np.any(geometry.covariance)
+    file.write_text('version = 1\n["RudderGeometry.ratio"]\nvalue = 0.0\nunit = "1"\n')
+    with pytest.raises(InputError, match="must be above 0, got 0"):
+        find_geometry(file, 0.2)

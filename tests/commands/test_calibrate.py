@@ -190,7 +190,8 @@ REFUSED = {
     "no such signal": (("LOG", "--signal", "sensors.imu.value.rate"), "sensors.imu.value.angular_rate"),
     "a flag": (("LOG", "--signal", "sensors.imu.fresh"), "contains no changing numbers"),
     "all too short": (("LOG", "--shortest", "50 s"), "--shortest"),
-    "not a time": (("LOG", "--tick", "soon"), "not a time"),
+    "not a time": (("LOG", "--tick", "soon"), "--tick: 'soon' is not a time"),
+    "a step too long": (("LOG", "--tick", "3 s"), "--tick: must be above 0 and at most 2 s, got '3 s'"),
     "a step of zero": (("LOG", "--tick", "0"), "--tick: must be above 0 and at most 2 s, got '0'"),
     "a step backwards": (("LOG", "--tick", "-5ms"), "--tick '5 ms'"),
     "averages below zero": (("LOG", "--shortest", "-1"), "--shortest: must be at least 0, got '-1'"),
@@ -241,6 +242,20 @@ def test_csv_of_noise_with_wrong_units_times_or_copies_is_rejected(head, step, s
     done = call("calibrate", "noise", tmp_path / "still.csv")
     assert done.exit_code == 2, done.output
     assert said in done.output
+
+
+def test_csv_of_noise_names_constant_columns_and_accepts_names_of_boards(tmp_path):
+    rows = np.random.default_rng(1).standard_normal((1100, 2)) * 1e-3
+    head = "t [s],imu_calibrated_x [m/s^2],acc_gyro_board_z [deg/s],spare [m]"
+    lines = [f"{0.01 * i:.2f},{a:.9f},{b:.9f},7" for i, (a, b) in enumerate(rows)]
+    (tmp_path / "still.csv").write_text("\n".join([head, *lines]) + "\n")
+    done = call("calibrate", "noise", tmp_path / "still.csv")
+    assert done.exit_code == 0, done.output
+    assert "left out, because the values never change: csv.spare" in done.output
+    lines[200:300] = [line.replace(line.split(",")[1], "0.001") for line in lines[200:300]]
+    (tmp_path / "still.csv").write_text("\n".join([head, *lines]) + "\n")
+    done = call("calibrate", "noise", tmp_path / "still.csv")
+    assert "'csv.imu_calibrated_x': is 0.001 in 100 successive samples from 2.00 s on" in done.output
 
 
 def test_csv_gaps_and_text_columns_are_reported(tmp_path):

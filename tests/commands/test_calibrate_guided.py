@@ -76,3 +76,8 @@ def test_refuses_to_continue_a_file_it_cannot_rewrite(content: bytes, said: str,
 def test_continues_a_file_with_a_byte_order_mark(tmp_path: Path) -> None:
     (tmp_path / "reverse.csv").write_text(f"{HEADING}\n6000,0.4,0.1,1\n", encoding="utf-8-sig")
     assert "1 of 14 measurements; continuing" in walk(tmp_path / "reverse.csv", "reverse", "q")
+
+
+def test_continues_a_file_that_a_spreadsheet_has_saved(tmp_path: Path) -> None:
+    (tmp_path / "reverse.csv").write_text(f"{HEADING}\n6000.00,0.4,0.1,1.0\n7e3,0.5,0.1,1\n")
+    assert "2 of 14 measurements; continuing" in walk(tmp_path / "reverse.csv", "reverse", "q")

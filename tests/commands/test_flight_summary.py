@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from trimtab.commands.flight_summary import metric_units, print_result, summarise_run
+from trimtab.commands.flight_summary import flag_times, metric_units, print_result, summarise_run
 from trimtab.core.quantity import Quantity
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
@@ -162,3 +162,9 @@ def test_reports_non_finite_demand(value, capsys):
     assert "NOT FINITE (real): law.demand.F, first at 0.31 s" in capsys.readouterr().out
     calm = Log(to_seconds(T), T, {"truth.h": np.zeros(len(T)), "law.demand.F": np.ones(len(T))})
     assert "not_finite" not in summarise_run(calm, [])
+
+
+def test_flags_of_the_integration_are_reported():
+    flag = Quantity("1", "True if events were missed.", kind="flag")
+    crowded = Log(to_seconds(T), T, {"truth.h": 0 * T, "world.crowded": ms(500) <= T}, {"world.crowded": flag})
+    assert flag_times(crowded)["world.crowded"]["first_s"] == 0.5

@@ -42,3 +42,8 @@ def test_unknown_setting_error_suggests_the_nearest(typed, choices, fix):
     assert isinstance(error, InputError)
     assert error.choices[0] == choices
     assert error.fix.startswith(fix), error.fix
+
+
+def test_paths_that_only_resemble_the_end_of_a_known_path_are_not_suggested():
+    known = ["autopilot.law.k1", "world.wind.mean"]
+    assert unknown_setting("settings", "fan.kind", known).choices == ("autopilot", "world")

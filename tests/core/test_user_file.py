@@ -24,6 +24,9 @@ def test_reads_plain_file_with_any_line_ending(tmp_path):
         (b"a\r\nb \xb0\r\n", r"line 2 is not in UTF-8; read as Latin-1, it is 'b °'"),
         (b"\xb0", "line 1 is not in UTF-8"),
         ("a".encode("utf-16"), "the text is in UTF-16"),
+        (b"\xfe\xff\x00a", "the text is in UTF-16"),
+        (b"a\n\xb0b\n", "line 2 is not in UTF-8; read as Latin-1, it is '°b'"),
+        (b"\xb0" * 99, f"'{40 * '°'}'"),
     ],
 )
 def test_text_in_another_encoding_is_named_by_line(content, said, tmp_path):

@@ -211,12 +211,17 @@ def test_targets_are_checked_against_shapes_of_signals():
     with pytest.raises(InputError, match=r"target of 'truth.place\[2\]': 'truth.place' has shape"):
         check("truth.place[2]")
     with pytest.raises(InputError, match="there is no such signal") as refused:
+        check_targets([Target("law.error", 1.0, 0.1)], ["law.error.x", "law.errors"], lambda path: ())
+    assert refused.value.choices == ("law.error.x",)
+    with pytest.raises(InputError, match="there is no such signal") as refused:
         check("truth")
     assert refused.value.choices == ("truth.place", "truth.heading")
 
 
 def test_angle_of_a_diverged_run_is_not_on_target():
     assert merits([1.0, -2.7e154], value=0.0, kind="angle")["settling_s"] is None
+    for x, value in ((1e16, 0.0), (1e3, 318 * np.pi)):  # at 1e16, the spacing of numbers is 2
+        assert nearest_target_value(logged([x], kind="angle"), Target("truth.x", 0.0, 0.1)) == pytest.approx(value)
 
 
 @pytest.mark.parametrize(("value", "band"), [("20 kg", 0.1), (1.0, "3 cm"), (None, 0.1)])

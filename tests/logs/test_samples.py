@@ -140,6 +140,16 @@ def test_time_unit_is_read_from_the_column_name(write, name):
     np.testing.assert_array_equal(log.ticks, [0, 100_000, 200_000])
 
 
+def test_other_columns_of_times_are_no_signals(write):
+    log = read_csv(write("t [s],time_us [us],x\n0,0,1\n1,1000000,2\n"))
+    assert log.paths == ("csv.x",)
+
+
+def test_rejects_times_that_are_equal_after_rounding(write):
+    with pytest.raises(InputError, match=r"the times must rise, but after line 3(.|\n)*resolution of at least 100 ns"):
+        read_csv(write("t [s],x\n0,1\n0.001,2\n0.00100001,3\n0.002,3\n0.003,4\n"))
+
+
 def test_time_unit_can_be_given_with_the_column_name(write):
     text = "timestamp,x\n1000000000,1\n1000005000,2\n"
     np.testing.assert_array_equal(read_csv(write(text), "timestamp [us]").ticks, [0, 50_000])

@@ -70,6 +70,8 @@ def test_thrust_by_rudder_angle_builds_both_thrust_tables() -> None:
         ("Hovercraft.masss", Entry(2.6, "kg"), "Choices: mass, inertia, arm.\nFix: write Hovercraft.mass"),
         ("Thruster.coefficient", Entry(0.0, "N/krpm^2"), "must be above 0 N/krpm^2, got 0"),
         ("Thruster.reverse_ratio", Entry([1.0, 2.0], "1"), "has shape (2,)"),
+        ("Friction.torque_viscous", Entry(-0.1, "N m s"), "must be at least 0 N m s, got -0.1"),
+        ("Thruster.deflection_max", Entry(1.5, "rad"), "must be at most 1.39626 rad, got 1.5"),
     ],
 )
 def test_rejects_calibration_entries_that_do_not_fit(name: str, entry: Entry, words: str) -> None:

@@ -152,6 +152,7 @@ def test_reverse_thrust_without_covariance_is_not_drawn():
     [
         ("Hovercraft.mass", Entry(2.6, "kg", 2.6), r"the 95 % interval, -2.49591 to 7.69591 kg, must be above 0 kg"),
         ("RudderGeometry.offset", Entry(0.0, "rad", 9.0), "must be less than a turn"),
+        ("RudderGeometry.offset", Entry(0.0, "rad", 1.65), "-3.23394 to 3.23394 rad, must be less than a turn"),
     ],
 )
 def test_rejects_an_implausibly_large_standard_error(name, entry, said):
@@ -183,3 +184,15 @@ def test_rudder_stops_follow_the_drawn_angle_table():
     np.testing.assert_allclose(arrays["world.actuators.rudder.angle_min"], np.maximum(low, angles[:, 0]))
     np.testing.assert_allclose(arrays["world.actuators.rudder.angle_max"], np.minimum(high, angles[:, -1]))
     assert arrays["world.actuators.rudder.angle_max"][1] < high
+
+
+def test_accepts_large_standard_errors_that_are_plausible():
+    boat = Calibration({"Hovercraft.mass": Entry(20.0, "kg", 5.0), "RudderGeometry.offset": Entry(0.0, "rad", 1.0)})
+    found = calibrated_spread(with_calibration(build(NAME), boat).scenario, boat)
+    assert {"world.vehicle.mass"} < set(found.drawn)
+
+
+def test_error_without_any_drawn_setting_gives_the_reasons():
+    boat = Calibration({"IdentifiedGyro.b0": Entry(0.3, "1", 0.01), "Hovercraft.mass": Entry(2.6, "kg")})
+    with pytest.raises(InputError, match=r"in the world of this scenario; IdentifiedGyro\.b0 is not varied"):
+        calibrated_spread(with_calibration(build(NAME), boat).scenario, boat)

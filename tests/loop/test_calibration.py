@@ -95,6 +95,7 @@ JOINT = '[[covariance]]\nof = ["A.b", "A.c"]\nmatrix = [[1.0, 0.5], [0.5, 1.0]]\
         (f"{NUMBER}[[covariance]]\nof = []\nmatrix = []", "lacks `of`"),
         (f'{NUMBER}{OTHER}[[covariance]]\nof = ["A.c"]\nmatrix = [[1.0]]', "names 'A.c', which has no standard_error"),
         (f"{NUMBER}{OTHER}standard_error = 1.0\n{JOINT}{JOINT}", "two [[covariance]] tables name A.b and A.c"),
+        ('version = 1\n["A.c"]\nvalue = 1e200\nunit = "m"\n', "the value is not finite"),
         (f"{NUMBER}{OTHER}standard_error = 1e200\n", "standard_error must have the shape of value, with finite"),
         (f'{NUMBER}[[covariance]]\nof = ["A.b"]\nmatrix = [[4.0]]', "standard error of A.b is 1, but"),
     ],

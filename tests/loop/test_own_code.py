@@ -249,12 +249,35 @@ def test_rejects_faulty_events_jump_and_after_step(name, method, said):
         check_vehicle(own(), HeightState(), None)
 
 
+@record
+class TwoEvents(Ball):
+    """A ball with two events in an array. Source: this test."""
+
+    def events(self, t, x):
+        return jnp.stack([x.z + 1.0, x.z])
+
+    def jump(self, t, x, crossed):
+        return HeightState(0.0, jnp.where(crossed[1], -x.w, x.w) + 0 * jnp.dot(crossed, np.ones(2)))
+
+
+def test_jump_is_checked_with_one_flag_for_each_event():
+    check_vehicle(TwoEvents(), HeightState(), None)
+
+
 def test_missing_sensor_in_frame_is_reported_with_the_sensors():
     frame = Frame(t=0, samples={"odometry": 1.0, "fix": 2.0})
     with pytest.raises(InputError, match=r"test_own_code.py:\d+: the frame has no sensor 'fx'") as refused:
         zeros_of("autopilot.estimator", "world.sensors", lambda frame: frame.samples["fx"], frame)
     assert set(refused.value.choices) == {"odometry", "fix"}
     assert refused.value.fix == "write samples['fix']"
+    with pytest.raises(InputError) as refused:
+        zeros_of("autopilot.estimator", "world.sensors", lambda frame: frame.samples["odomtry"], frame)
+    assert refused.value.fix == "write samples['odometry']"
+    with pytest.raises(InputError) as refused:
+        zeros_of("autopilot.estimator", "world.sensors", lambda frame: frame.samples["zzz"], frame)
+    assert refused.value.fix == "write samples['fix']"
+    with pytest.raises(InputError, match="KeyError: 'fix'"):  # of another dictionary
+        zeros_of("autopilot.estimator", "world.sensors", lambda frame: {}["fix"], frame)
     with pytest.raises(InputError, match="KeyError: 'fx'"):
         zeros_of("autopilot.law", "the estimate", lambda x: {}["fx"], Point(1.0))
 

@@ -9,7 +9,8 @@ from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target
 from trimtab.plots import animation
-from trimtab.plots.animation import animate_paths, animate_run
+from trimtab.plots.animation import Mover, _draw_signals, _move, _new_craft, animate_paths, animate_run
+from trimtab.plots.style import new_figure
 
 
 def flown(duration=1.6, heading=True):
@@ -63,7 +64,7 @@ def test_run_without_a_position_is_animated_by_its_signals(tmp_path):
     log = Log(log.t, log.ticks, {"truth.surge": log["truth.surge"], "truth.yaw_rate": log["truth.yaw_rate"]})
     animate_run(log, log, tmp_path / "signals.gif")
     first, last = (frames(tmp_path / "signals.gif")[k][0] for k in (0, -2))
-    assert (first != last).any()
+    assert (first[60:] != last[60:]).any()  # the cursors; the clock is above
 
 
 def test_runs_of_a_campaign_move_together(tmp_path):
@@ -87,3 +88,29 @@ def test_refuses_other_formats_and_logs_without_a_span(tmp_path):
     with pytest.raises(InputError, match="at least 2 rows, got 1"):
         animate_run(flown(0.0), path=tmp_path / "a.gif")
     assert not list(tmp_path.iterdir())
+
+
+def test_craft_points_along_its_heading():
+    figure = new_figure(4.0, 4.0)
+    axes = figure.add_subplot()
+    axes.set_xlim(0, 10)
+    path = np.array([[3.0, 4.0], [5.0, 6.0], [np.nan, np.nan]])
+    mover = Mover(np.arange(3.0), path, np.radians([90.0, 0.0, 0.0]), _new_craft(axes, "b", "b", 1.0), 0.1)
+    for t, nose in ((0.0, [4.0, 4.0]), (0.9, [4.0, 4.0]), (1.0, [5.0, 7.0])):  # east, then north
+        _move(mover, t)
+        np.testing.assert_allclose(mover.artists[1].get_xy()[0], nose, atol=1e-12)
+    assert np.array(mover.artists[0].get_data()).T.tolist() == path[:2].tolist()
+    assert mover.artists[1].get_visible()
+    _move(mover, 2.0)
+    assert not mover.artists[1].get_visible()
+
+
+def test_signals_of_targets_come_first_and_the_position_is_left_out():
+    figure = new_figure(8.0, 4.6)
+    grid = figure.add_gridspec(3, 2)
+    cells = [grid[row, 1] for row in range(3)]
+    cursors = _draw_signals(figure, cells, flown(), None, (Target("truth.yaw_rate", 0.0, 0.3),))
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    assert titles[0].startswith("Yaw rate")
+    assert not any(name in title.lower() for title in titles for name in ("north", "east"))
+    assert len(cursors) == len(titles) >= 2

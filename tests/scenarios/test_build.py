@@ -132,3 +132,10 @@ def test_missing_part_of_a_file_is_reported_with_the_line_to_write(tmp_path):
 def test_scenario_of_a_file_has_the_name_of_file_and_function(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     assert build(f"{tmp_path}/own.py:whole").name == "own.py:whole"
+
+
+def test_missing_initial_state_is_written_in_the_scenario_itself(tmp_path):
+    (tmp_path / "own.py").write_text(OWN.replace("autopilot=replace(base.autopilot, allocation=None)", "initial=None"))
+    with pytest.raises(InputError, match=r"own\.py:scenario': initial is None") as refused:
+        build(f"{tmp_path}/own.py:scenario")
+    assert refused.value.fix == "write initial=MyState() in Scenario(…)"

@@ -1,6 +1,7 @@
 """`trimtab calibrate measure`: guide the user through a measurement. Each reading is checked and saved."""
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -154,7 +155,7 @@ def _check_plan(file: Path, guide: GuidedProcedure, lines: Sequence[str]) -> Non
     for number, (line, setting) in enumerate(zip(lines, guide.plan, strict=False), 1):
         cells = line.split(",")
         for name, cell, planned in zip(names, [*cells[: guide.given], cells[-1]], setting, strict=True):
-            if cell.strip().removesuffix(".0") != f"{planned:g}":
+            if not math.isclose(float(cell), planned, rel_tol=1e-9):
                 problem = f"measurement {number} ({line}) of {str(file)!r} must have {name} {planned:g}, as planned,"
                 raise InputError("FILE", f"{problem} got {cell.strip()}", fix="restore this line, or name a new file")
     if len(lines) > len(guide.plan):

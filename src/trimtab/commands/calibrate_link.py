@@ -21,10 +21,13 @@ PACKETS_MIN = 50
 """Minimum number of received packets for a latency table."""
 SHORTEST, LONGEST = 1e-6, 5.0
 """Minimum and maximum plausible median latency (s)."""
-TREND = 0.8
-"""Largest accepted correlation of the latencies with the times of sending."""
+TREND, CHANGE = 0.8, 0.1
+"""Largest accepted correlation of the latencies with the times of sending, and largest accepted change of the latency
+from the first to the last packets, as a fraction of the median. A trace is rejected if both are exceeded."""
 APART = 0.2
 """Difference between the measured and the fitted share of packets, at one latency, above which a note is printed."""
+ROUNDED = 0.1
+"""Largest step between two latencies, as a fraction of the median, that counts as the resolution of the clock."""
 FAR = 10.0
 """Multiple of the 99 % quantile above which a latency is reported as an outlier."""
 
@@ -52,7 +55,7 @@ def calibrate_link(data: Path, way: str, out: Path | None, plot: Path | None, as
     fitted = np.interp(ndtri(share), normal_scores(), table)
     curve = FitCurve(100 * share, 1e3 * received, 1e3 * fitted, np.ones(n, bool), 100 * share, 1e3 * fitted)
     panel = FitPanel(f"{way}link", "share of packets (%)", "latency (ms)", [curve], f"{100 * model.loss:.2g} % lost")
-    apart = float(np.max(np.abs(np.interp(received, fitted, share) - share)))
+    apart = _find_misfit(received, fitted, share)
     if apart > APART:
         text = (
             f"the latencies do not follow the fitted distribution: the shares of packets differ by {100 * apart:.0f} %"
@@ -61,6 +64,23 @@ def calibrate_link(data: Path, way: str, out: Path | None, plot: Path | None, as
     notes = (*notes, "to use this table in a scenario, add --set links=measured if the scenario has this choice")
     report = CalibrationReport(data.name, len(trace.lost), (), (panel,), notes)
     finish_calibration("link", calibration, report, out, plot, as_json)
+
+
+def _find_misfit(received: Any, fitted: Any, shares: Any) -> float:
+    """Return the largest difference between the measured and the fitted share of packets up to a latency.
+
+    The shares are compared between two values of the clock, where rounding does not change them.
+
+    Args:
+        received: sorted latencies (n,).
+        fitted: latencies (n,) up to which the fitted distribution has the shares (n,).
+        shares: shares of packets, which rise from 0 to 1.
+    """
+    values = np.unique(received)
+    half = min(float(np.min(np.diff(values))), ROUNDED * float(np.median(received))) / 2
+    ends = np.concatenate([values - half, values + half])
+    measured = np.searchsorted(received, ends) / len(received)
+    return float(np.max(np.abs(np.interp(ends, fitted, shares) - measured)))
 
 
 def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
@@ -98,11 +118,13 @@ def _refuse_unchanged(where: str, trace: Trace) -> None:
     for name, values in (("sent_s", sent), ("latency_s", latency)):
         if np.ptp(values) == 0:
             problem = f"{name} is {values[0]:.6g} in each line"
-            raise InputError(where, problem, fix="write measured times, with a resolution of at least 1 ms")
-    if abs(np.corrcoef(sent, latency)[0, 1]) > TREND:
-        few = len(latency) // 10
-        problem = f"the latencies change with sent_s, from {np.median(latency[:few]):.3g} s in the first packets to"
-        problem += f" {np.median(latency[-few:]):.3g} s in the last"
+            fix = "write measured times, with a resolution that shows how they differ, e.g. 0.1 ms"
+            raise InputError(where, problem, fix=fix)
+    first, last = (float(np.median(part)) for part in (latency[: len(latency) // 10], latency[-(len(latency) // 10) :]))
+    changes = abs(last - first) > CHANGE * np.median(latency)
+    if changes and abs(np.corrcoef(sent, latency)[0, 1]) > TREND:
+        problem = "the latencies change with sent_s, "
+        problem += f"from {first:.3g} s in the first packets to {last:.3g} s in the last"
         fix = "write latencies, not times of arrival; use one clock; and reduce the load if the link is overloaded"
         raise InputError(where, problem, fix=fix)
 

@@ -36,8 +36,9 @@ from trimtab.plots.allan import plot_allan
 
 AT_REST = 1e-6
 """True speed (m/s) or angular rate (rad/s) in a simulated log above which the vehicle counts as moving."""
-WORDS = {"gyro": "gyr|rate|omega", "accelerometer": "acc|force"}
-"""Parts of the name of a signal from which its triad is known, as regular expressions."""
+WORDS = {"gyro": "gyr|rate(?!d)|omega", "accelerometer": "acc|force"}
+"""Parts of the name of a signal from which its triad is known, as regular expressions. The end of
+"calibrated" is not one of them."""
 SAMPLES_MIN = 1024
 """Minimum number of samples from which the Allan deviation of an axis is computed."""
 

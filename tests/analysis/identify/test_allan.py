@@ -180,7 +180,11 @@ def long_noise(seed, walk=1e-4):
         ),
         (lambda y: np.clip(y, -np.inf, 0.01), r"is saturated: \d+ of 2000 samples are 0.01, the greatest value"),
         (lambda y: np.repeat(y[::4], 4), "75 % of the samples equal the one before, must be at most 70 %"),
+        (lambda y: np.clip(y, -0.01, np.inf), r"is saturated: \d+ of 2000 samples are -0.01, the least value"),
+        (lambda y: np.round(y / 0.04) * 0.04, "resolution 0.04, which is too coarse: .* must be at most 0.7"),
+        (lambda y: np.floor(y / 0.1) * 0.1, "has only the values -0.1 and 0"),
         (lambda y: 1e200 * y, "which is not plausible"),
+        (lambda y: 1e-200 * y, "which is not plausible"),
     ],
 )
 def test_rejects_stuck_saturated_and_repeated_samples(change, said):
@@ -189,6 +193,33 @@ def test_rejects_stuck_saturated_and_repeated_samples(change, said):
     refuse_stuck("gyro", np.round(y / 0.02) * 0.02, 0.01)
     with pytest.raises(InputError, match=said):
         refuse_stuck("gyro", change(y), 0.01)
+
+
+def test_accepts_coarse_resolution_with_filter_drift_and_short_runs():
+    """Of a filtered gyro of 12 bits, 80 % of the samples may be repeated, but averages over 1 s give N within 5 %."""
+    g = np.random.default_rng(0)
+    white = g.standard_normal(21000)
+    for width in (10, 20):
+        y = np.convolve(white, np.ones(width), "valid")[:20000]
+        refuse_stuck("gyro", np.round(y / y.std()), 0.01)
+        refuse_stuck("gyro", 2 * np.round(y / y.std() / 2), 0.01)
+    for step in (3.0, 3.5):  # the longest of the runs comes while the drift passes the middle of a step
+        for seed in range(5):
+            y = np.random.default_rng(seed).standard_normal(20000) / step + 3 * np.linspace(0, 1, 20000)
+            refuse_stuck("gyro", np.round(y), 0.01)
+    short = white[:2000].copy()
+    short[100:115] = short[100]
+    refuse_stuck("gyro", short, 0.01)
+    refuse_stuck("gyro", np.round(g.uniform(-3, 3, 2000)), 0.01)
+
+
+@pytest.mark.parametrize(("spacing", "length", "end"), [(3000, 1500, 18000), (380, 340, 12000)])
+def test_rejects_log_with_many_stuck_parts(spacing, length, end):
+    y = np.random.default_rng(0).standard_normal(20000)
+    for start in range(0, end, spacing):
+        y[start : start + length] = y[start]
+    with pytest.raises(InputError, match=f"in {length} successive samples from 0.00 s on"):
+        refuse_stuck("gyro", y, 0.01)
 
 
 def test_motion_check_accepts_quantised_noise_and_random_walk():

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from click.testing import CliRunner
 
 from trimtab.analysis.identify.flight_data import (
     FlightData,
+    _refuse_jumps,
     actuate,
     find_grid,
     lay_on_grid,
@@ -17,7 +19,9 @@ from trimtab.analysis.identify.flight_data import (
     refuse_copies,
 )
 from trimtab.cli import main
+from trimtab.commands.identify import _read
 from trimtab.core.errors import InputError
+from trimtab.core.quantity import leaves
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.foreign.read import read_foreign
 from trimtab.logs.log import Log
@@ -98,17 +102,27 @@ def test_measurements_before_first_command_are_omitted(tmp_path: Path) -> None:
     assert len(flight.command_ticks) == len(flight.valid)
 
 
-def read_changed(folder: Path, *changes: tuple[str, str], step: str = "{0}", last: str = "{1}") -> None:
-    """Read a flight with replacements in the mapping. step: measurement time (ms). last: measured x (mm)."""
-    (folder / "radio.csv").write_text("t,steering,rpm\n" + "".join(f"{0.1 * k:.1f},1500,9000\n" for k in range(30)))
-    rows = "".join(f"{step},{last},0,{k}\n".format(100 * k, 10 * k) for k in range(30))
+TENTHS = tuple(0.1 * k for k in range(30))
+
+
+def read_changed(
+    folder: Path, *changes: tuple[str, str], last: str = "{1}", sent: Any = TENTHS, measured: Any = TENTHS
+) -> FlightData:
+    """Read a flight with replacements in the mapping.
+
+    last: measured x (mm).  sent: times of the commands (s).  measured: times of the measurements (s).
+    """
+    (folder / "radio.csv").write_text(
+        "t,steering,rpm\n" + "".join(f"{t:.3f},1500,{9000 + k}\n" for k, t in enumerate(sent))
+    )
+    rows = "".join(f"{{0:.0f}},{last},0,{k}\n".format(1000 * t, 10 * k) for k, t in enumerate(measured))
     (folder / "capture.csv").write_text(f"stamp [ms],x,z,yaw\n{rows}")
     text = MAPPING
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)
     (folder / "flight.toml").write_text(text)
-    read_flight(read_foreign(folder / "capture.csv", folder / "flight.toml"), build(NAME), name="capture.csv")
+    return read_flight(read_foreign(folder / "capture.csv", folder / "flight.toml"), build(NAME), name="capture.csv")
 
 
 @pytest.mark.parametrize(
@@ -133,7 +147,37 @@ def test_rejects_wrong_units_names_and_times_of_a_mapping(tmp_path: Path, old: s
 
 
 def test_fan_speed_may_be_in_any_unit_of_speed(tmp_path: Path) -> None:
-    read_changed(tmp_path, ('"rpm", unit = "rpm"', '"rpm", unit = "rad/s"'))
+    flight = read_changed(tmp_path, ('"rpm", unit = "rpm"', '"rpm", unit = "rad/s"'))
+    assert flight.commands.speed_rpm[0] == pytest.approx(9000 * 30 / np.pi)
+
+
+@pytest.mark.parametrize(
+    ("sent", "measured", "said"),
+    [
+        (TENTHS, TENTHS[:19], "at least 20 measurements of the vehicle's state are needed, got 19"),
+        (TENTHS, TENTHS[:20], ""),
+        ([*TENTHS, 100.0], [2.1 * k for k in range(30)], "the measurements must be at most 2 s apart, got 2.1 s"),
+        (TENTHS, [2.0 + 0.02 * k for k in range(100)], "they must have at least 1 s in common, got 0.9 s"),
+        (TENTHS, [1.8 + 0.02 * k for k in range(100)], ""),
+        ([0.0, 0.3], [0.1 * k for k in range(100)], ""),  # commands that are logged only when they change
+        ([20.0, 20.3], [0.1 * k for k in range(100)], "they must have at least 1 s in common, got 0 s"),
+    ],
+)
+def test_measurements_must_be_enough_and_in_time_with_commands(
+    tmp_path: Path, sent: Any, measured: Any, said: str
+) -> None:
+    if not said:
+        assert len(read_changed(tmp_path, sent=sent, measured=measured).ticks)
+        return
+    with pytest.raises(InputError, match=said):
+        read_changed(tmp_path, sent=sent, measured=measured)
+
+
+def test_mapping_may_contain_other_quantities(tmp_path: Path) -> None:
+    """A GPS receiver reports velocities to north and east, which are no states of the craft."""
+    new = 'north_velocity = { from = "z", unit = "m/s" }\neast_velocity = { from = "z", unit = "m/s" }\n'
+    new += 'heading_std = { from = "z", unit = "deg" }\nnorth2 = { from = "x", unit = "mm" }\nnorth '
+    read_changed(tmp_path, ("north ", new))
 
 
 def test_rejects_log_in_which_nothing_moves(tmp_path: Path) -> None:
@@ -157,6 +201,36 @@ def test_rejects_the_same_flight_twice() -> None:
         refuse_copies([one, cut], [other])
     with pytest.raises(InputError, match=r"log 'cut': .* as log 'a', so it does not test the fit"):
         refuse_copies([one, other], [cut])
+
+
+def test_outlier_in_a_short_log_is_rejected() -> None:
+    ticks, y = ms(100) * np.arange(20), np.full((20, 6), np.nan)
+    y[:, 0] = 0.01 * np.arange(20) + 1e-3 * np.random.default_rng(0).standard_normal(20)
+    states = [path for path, _, _ in leaves(build(NAME).initial)]
+    _refuse_jumps("log 'a'", build(NAME), states, ticks, y)
+    y[12, 0] = 3.0
+    with pytest.raises(InputError, match="outlier"):
+        _refuse_jumps("log 'a'", build(NAME), states, ticks, y)
+
+
+def test_command_rejects_the_same_log_twice(tmp_path: Path) -> None:
+    read_changed(tmp_path)
+    log, words = str(tmp_path / "capture.csv"), ["--fit", "delay", "--map", str(tmp_path / "flight.toml")]
+    (tmp_path / "copy").mkdir()
+    for name in ("capture.csv", "radio.csv"):
+        (tmp_path / "copy" / name).write_bytes((tmp_path / name).read_bytes())
+    copy = str(tmp_path / "copy" / "capture.csv")
+    shown = CliRunner().invoke(main, ["identify", NAME, log, copy, *words])
+    assert shown.exit_code == 2
+    assert f"log '{copy}': the log has the same measurements as log '{log}'" in " ".join(shown.output.split())
+
+
+def test_measurements_left_out_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    read_changed(tmp_path)
+    file = tmp_path / "capture.csv"
+    file.write_text(file.read_text() + "3000,,0,30\n")
+    _read(file, "capture.csv", build(NAME), None, tmp_path / "flight.toml")
+    assert "capture.csv, mocap: 1 of 31 rows are left out: north is empty" in capsys.readouterr().err
 
 
 def test_rejects_empty_log() -> None:

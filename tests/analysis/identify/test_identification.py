@@ -1,6 +1,7 @@
 """Identification from flights: wrong parameters are found, unidentifiable ones named, foreign logs rejected."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from click.testing import CliRunner
 from trimtab.analysis.identify.flight_data import FlightData, read_flight
 from trimtab.analysis.identify.identification import Identified, identify, identify_each
 from trimtab.cli import main
+from trimtab.commands.identify import _print_unexplained
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import leaves
 from trimtab.core.time import ms
@@ -163,6 +165,22 @@ def test_flights_of_two_vehicles_disagree(tmp_path: Any) -> None:
     done = CliRunner().invoke(main, [*words, "--out", str(tmp_path / "boat.toml")])
     assert done.exit_code == 2, done.output
     assert "the logs a.mcap and b.mcap disagree with the others, so nothing is written" in done.output
+
+
+def test_parameter_without_an_interval_is_unidentifiable() -> None:
+    names = [SimpleNamespace(path=path) for path in "abcd"]
+    ends = np.array([[np.nan, np.nan], [1.0, 2.0], [np.nan, 3.0], [0.0, 1.0]])
+    found: Any = SimpleNamespace(parameters=names, intervals=ends, groups=[("d",)])
+    assert Identified.unidentifiable(found) == {"a", "d"}
+
+
+def test_disagreeing_flight_is_named(capsys: Any) -> None:
+    found: Any = SimpleNamespace(unexplained={}, disagreeing={"b.mcap": 1e-9}, correlated={})
+    _print_unexplained(found)
+    assert (
+        "not consistent: b.mcap disagrees with the other logs on the parameters (p-value 1.0e-09)"
+        in capsys.readouterr().out
+    )
 
 
 def test_empty_measurement_file_is_named_in_error(tmp_path: Any) -> None:

@@ -23,6 +23,14 @@ WRONG_MAPPINGS = {
     "sign": ({"sensor": {"imu": {"fields": {"w": gyro(["x", "y"], sign=[1, 1, 1])}}}}, r"sign has 3 numbers"),
     "sign of text": ({"sensor": {"imu": {"fields": {"w": gyro("x", sign="-")}}}}, r"is not a list of numbers"),
     "sign of zero": ({"sensor": {"imu": {"fields": {"w": gyro("x", sign=0)}}}}, r"w: sign must not be 0, got 0"),
+    "sign of zero in one axis": (
+        {"sensor": {"imu": {"fields": {"w": gyro(["x", "y"], sign=[1, 0])}}}},
+        r"sign must not be 0, got \[1, 0\]",
+    ),
+    "unit of a latitude": (
+        {"sensor": {"gps": {"geodetic": {"latitude": "a", "longitude": "o", "unit": "m"}}}},
+        r"geodetic, unit: 'm' is not a unit of this quantity(.|\n)*Choices: rad",
+    ),
     "offset": (
         {"sensor": {"imu": {"fields": {"w": gyro("x", offset=math.inf)}}}},
         r"offset must be finite, got \[inf\]",

@@ -8,6 +8,7 @@ from logs.foreign.written import DEG, GYRO, mapping
 from trimtab.core.errors import InputError
 from trimtab.logs.foreign import is_own_log, list_topics, read_foreign
 from trimtab.logs.foreign.mapping import parse_mapping
+from trimtab.logs.foreign.tables import Table
 from trimtab.logs.mcap import read_mcap, write_mcap
 
 WRONG_FILES = {
@@ -77,6 +78,19 @@ def test_rows_left_out_are_described_by_line(write):
     text = "3 of 5 rows are left out: x is empty or not finite in lines 4 and 5; a row is repeated in line 7"
     assert log.metadata["left_out"] == {"imu": text}
     assert log.metadata["converted"]["imu"] == {"rows": 5, "not_finite": 2, "out_of_order": 0, "duplicates": 1}
+
+
+def test_rows_are_named_in_the_order_of_the_file(write):
+    """The file is not sorted, and has an empty cell before the rows that are named."""
+    log = read_foreign(write("t,x\n0,1\n0.02,\n0.03,3\n0.03,3\n0.01,5\n"), mapping(x={"from": "x", "unit": "m"}))
+    assert log.metadata["left_out"]["imu"].endswith("in line 3; a row is repeated in line 5")
+    with pytest.raises(InputError, match=r"the times jump back by 8 s at line 5"):
+        read_foreign(write("t,x\n7,1\n8,\n9,2\n1,3\n"), mapping(x={"from": "x", "unit": "m"}))
+
+
+def test_rows_of_a_log_without_lines_are_counted_from_one():
+    assert Table({"x": np.zeros(3)}).name_rows([0, 2]) == "rows 1 and 3"
+    assert Table({"x": np.zeros(3)}, lines=(4, 6, 9)).name_rows([0, 2]) == "lines 4 and 9"
 
 
 def test_csv_ignores_text_columns_and_reads_time_unit_from_name(write):

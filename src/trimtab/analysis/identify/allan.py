@@ -41,10 +41,14 @@ MISFIT = 10.0
 A good log has about 1.
 """
 REPEATED = 0.7
-"""Largest accepted share of samples that equal the sample before. It is reached at a resolution of 2.7 times the
-standard deviation of the noise."""
+"""Largest accepted share of equal samples. Independent samples reach it at a resolution of 2.7 times the standard
+deviation of the noise."""
+ONE_STEP = 1.2
+"""Largest mean change of a signal, in steps of its resolution, at which a filter explains that samples are repeated."""
 STUCK = 20
 """Smallest number of equal samples that count as stuck, or as saturated."""
+WINDOW = 1000
+"""Number of samples over which drift is neglected."""
 LEAST_CHANGE = 1e-100
 """Smallest plausible range of the samples of a signal. The largest one is its reciprocal."""
 MEDIAN = 0.6744897501960817
@@ -231,12 +235,18 @@ def refuse_stuck(name: str, y: Any, period: float) -> None:
     values, counts = np.unique(y, return_counts=True)
     if not LEAST_CHANGE < np.ptp(y) < 1 / LEAST_CHANGE:
         problem, fix = f"changes by {np.ptp(y):.3g}, which is not plausible", "correct the values, or their unit"
-    elif repeated > REPEATED:
+    elif repeated > REPEATED and _mean_steps(y) > ONE_STEP:
         problem = f"{100 * repeated:.0f} % of the samples equal the one before, must be at most {100 * REPEATED:.0f} %"
-        fix = "log each sample once, at full resolution"
-    elif runs[k] > max(STUCK, math.log(1e-9 / len(y)) / math.log(max(repeated, 0.05))):  # not by chance
+        fix = "log each sample once"
+    elif runs[k] > max(STUCK, _longest_run(np.delete(y, slice(starts[k], starts[k] + runs[k])))):
         problem = f"is {y[starts[k]]:.6g} in {runs[k]} successive samples from {starts[k] * period:.2f} s on"
         fix = "check why the sensor or the logger is stuck, or cut the log there"
+    elif len(values) < 3:
+        problem, fix = f"has only the values {values[0]:.6g} and {values[-1]:.6g}", "log at full resolution"
+    elif (share := _share_of_equal(y)) > REPEATED:
+        problem = f"has the resolution {np.min(np.diff(values)):.3g}, which is too coarse: two samples are equal with"
+        problem += f" a probability of {share:.2f}, must be at most {REPEATED:g}"
+        fix = "log at full resolution, or set a smaller range"
     else:
         for end, inside in ((0, 1), (-1, -2)):
             if counts[end] > STUCK + 3 * counts[inside]:
@@ -245,6 +255,44 @@ def refuse_stuck(name: str, y: Any, period: float) -> None:
                 fix = "increase the range of the sensor or of the logger"
     if problem:
         raise InputError(f"signal {name!r}", problem, fix=fix)
+
+
+def _windows(y: Any) -> Any:
+    """Return the samples in windows (k, n) of about `WINDOW` samples. Samples that fill no window are left out."""
+    count = max(len(y) // WINDOW, 1)
+    return y[: len(y) // count * count].reshape(count, -1)
+
+
+def _mean_steps(y: Any) -> float:
+    """Return the mean change of a signal between two different samples, in steps of its resolution.
+
+    A repeated sample of a low-pass filtered signal is followed by a change of one step. A sample that was logged
+    several times is followed by a change of any number of steps.
+    """
+    change = np.abs(np.diff(y))
+    change = change[change > 0]
+    if not len(change):
+        return 1.0
+    return float(np.mean(change) / np.quantile(change, 0.01))
+
+
+def _longest_run(y: Any) -> float:
+    """Return the largest number of equal samples in a row that noise of a coarse resolution plausibly explains.
+
+    A sample is repeated most often while the mean is in the middle of a step. The share of repeated samples is then
+    about the square of the probability of this step, with which a run continues.
+    """
+    if len(y) < 2:
+        return 0.0
+    share = float(np.quantile((np.diff(_windows(y)) == 0).mean(axis=1), 0.9))
+    share = min(share, REPEATED if _mean_steps(y) > ONE_STEP else 1.0)
+    return math.log(1e-9 / len(y)) / math.log(min(max(math.sqrt(share), 0.05), 0.999))
+
+
+def _share_of_equal(y: Any) -> float:
+    """Return the probability that two samples from one window are equal."""
+    shares = [np.unique(window, return_counts=True)[1] / len(window) for window in _windows(y)]
+    return float(np.mean([share @ share for share in shares]))
 
 
 def _coefficient(square: float, error: float) -> Coefficient:

@@ -1,6 +1,7 @@
 """Data for identification, read from a log: commands, the vehicle's input computed from the commands, measurements."""
 
 import dataclasses
+import difflib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -16,7 +17,6 @@ from trimtab.core.quantity import Option, Quantity, declarations, leaves, record
 from trimtab.core.record import replace
 from trimtab.core.rng import key as random_key
 from trimtab.core.signals import Sample
-from trimtab.core.suggestions import closest
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 from trimtab.core.units import UNITS, find_size
 from trimtab.logs.log import Log
@@ -29,6 +29,9 @@ FASTEST_TURN, MOST_TURNS = 1.0, 1000
 """Largest plausible values of a measured angle: median change between two measurements (rad), and number of turns."""
 LEAST_MEASURED, LEAST_TIME = 20, 1.0
 """Least number of measurements in a log, and least time (s) that commands and measurements must have in common."""
+MISSPELT = 0.8
+"""Smallest similarity of a mapped name and the name of a state that counts as a misspelling. Names of other quantities
+reach 0.78, e.g. heading_std and east_velocity."""
 GAP = 2.0
 """Longest gap between two measurements (s). After a longer gap the vehicle's state counts as unknown."""
 
@@ -86,7 +89,9 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
     block = _measuring_block(log, list(states), sensor, where)
     ticks, y = _read_measured(where, log, block, states)
     if base.startswith("downlink."):  # log of another system: inputs before the first command are unknown
-        first, last = log.ticks[int(np.argmax(valid))], log[f"{base.removesuffix('.value')}.t"][-1]
+        times, first = log[f"{base.removesuffix('.value')}.t"], log.ticks[int(np.argmax(valid))]
+        only_changes = len(np.unique(times[valid])) < LEAST_MEASURED  # the last command then holds to the end
+        last = log.ticks[-1] if only_changes else times[-1]
         _refuse_other_times(where, log.ticks[0], (first, last), ticks)
         driven = ticks >= first
         ticks, y = ticks[driven], y[driven]
@@ -117,7 +122,7 @@ def _refuse_misspelt(where: str, log: Log, block: str, states: Sequence[str]) ->
     """Raise InputError if a mapped field of another system's log has nearly the name of a state that is not mapped."""
     mapped = [p.removeprefix(f"{block}.value.") for p in log.paths if p.startswith(f"{block}.value.")]
     for field in [f for f in mapped if f not in states]:
-        near = closest(field, [s for s in states if s not in mapped], 1)
+        near = difflib.get_close_matches(field, [s for s in states if s not in mapped], 1, cutoff=MISSPELT)
         if near:
             problem = f"{field!r} is not a field of the vehicle's state"
             fix = f"write {near[0]} in the mapping, or remove {field!r}"
