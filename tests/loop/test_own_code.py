@@ -15,7 +15,8 @@ from loop.falling import Ball, HeightState
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Estimator
 from trimtab.core.record import part, quantity, record, replace
-from trimtab.core.signals import Estimate, Frame, Sample, new_sample, no_motion
+from trimtab.core.signals import Estimate, Frame, Motion, Sample, new_sample, no_motion
+from trimtab.estimators.linear_model import FilteredEstimate
 from trimtab.loop.own_code import describe_fault
 from trimtab.loop.structure import (
     check_members,
@@ -220,15 +221,23 @@ def test_rejects_an_output_that_is_not_a_valid_message(slip):
     assert fix in refused.value.fix
 
 
+def test_accepts_a_message_with_further_fields():
+    """The estimate of a filter contains a covariance of any size."""
+    other = FilteredEstimate(**vars(estimate()), P=np.zeros(16), nis=0.0, used=np.int64(0))
+    check_output("part", Rounded.step, other, Estimate)
+    with pytest.raises(InputError, match="valid of the FilteredEstimate must be True or False"):
+        check_output("part", Rounded.step, replace(other, valid=1.0), Estimate)
+
+
 def test_accepts_a_valid_message():
     check_output("part", Rounded.step, estimate(), Estimate)
     check_output("part", Rounded.step, new_sample(np.int64(0), Point(1.0)), Sample)
 
 
 def test_rejects_motion_of_wrong_shape():
-    check_numbers("motion", Rounded.step, no_motion())
+    check_numbers("motion", Rounded.step, no_motion(), Motion)
     with pytest.raises(InputError, match=r"p_WB of the Motion has shape \(2,\), but the shape must be \(3,\)"):
-        check_numbers("motion", Rounded.step, replace(no_motion(), p_WB=np.zeros(2)))
+        check_numbers("motion", Rounded.step, replace(no_motion(), p_WB=np.zeros(2)), Motion)
 
 
 @pytest.mark.parametrize(

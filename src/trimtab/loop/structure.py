@@ -181,7 +181,7 @@ def check_vehicle(vehicle: Any, x: Any, u: Any) -> Any:
         problem = f"{place_of(vehicle.motion)}motion() returns nothing"
         raise InputError("world.vehicle.motion", problem, fix="return replace(no_motion(), t=t, …)")
     if isinstance(motion, Motion):
-        check_numbers("world.vehicle.motion", vehicle.motion, motion)
+        check_numbers("world.vehicle.motion", vehicle.motion, motion, Motion)
     part = "world.vehicle.dynamics"
     rate = zeros_of(part, "world.actuators", vehicle.dynamics, 0.0, x, u)
     fix = f"return {type(x).__name__}(…) with the derivative of each field"
@@ -212,21 +212,25 @@ def _check_events(vehicle: Any, x: Any) -> None:
 
 
 def check_output(part: str, step: Callable[..., Any], output: Any, kind: type) -> None:
-    """Raise InputError unless the output of a step() is a message of the class `kind` with valid numbers."""
-    if not isinstance(output, kind):
+    """Raise InputError unless the output of a step() is a record with all fields of the class `kind` and valid numbers.
+
+    The record may have further fields, e.g. the covariance of a filter.
+    """
+    if not (is_record(output) and kind.__dataclass_fields__.keys() <= output.__dataclass_fields__.keys()):
         name = kind.__name__
         problem = f"{place_of(step)}step() must return (state, {name}), but its output is {describe_tree(output)}"
         raise InputError(part, problem, fix=f"return state, {MESSAGES[name]}")
-    check_numbers(part, step, output)
+    check_numbers(part, step, output, kind)
 
 
-def check_numbers(part: str, function: Callable[..., Any], value: Any) -> None:
+def check_numbers(part: str, function: Callable[..., Any], value: Any, kind: type) -> None:
     """Raise InputError if a number of a message has not the declared shape and type.
 
-    Numbers of the records in the message, e.g. of the bending modes in a Motion, may have any shape.
+    Only numbers of the class `kind` are checked. Other numbers, e.g. of the bending modes in a Motion or of a filter's
+    covariance, may have any shape.
     """
     for path, own, declared in leaves(value):
-        if not isinstance(declared, Quantity) or "." in path:
+        if not isinstance(declared, Quantity) or path not in kind.__dataclass_fields__:
             continue
         what = f"{place_of(function)}{path} of the {type(value).__name__}"
         if np.shape(own) != declared.shape:
