@@ -64,7 +64,13 @@ def test_hovercraft_fails_both_conditions_but_is_accessible():
 @pytest.mark.thorough
 def test_user_file_without_yaw_actuator_is_excluded(own):
     text = call(f"{own}:tail").output
-    for word in ("EXCLUDED", "[FY, [f, FX]]", "6 of 6 directions", "2 independent inputs for 3 states", "Sussmann"):
+    for word in (
+        "EXCLUDED",
+        "[FY, [f, FX]]",
+        "6 of 6 directions",
+        "2 independent inputs for the 3 states x1",
+        "Sussmann",
+    ):
         assert word in text
 
 

@@ -41,7 +41,10 @@ def test_json_reports_stability_map_and_plot_is_written(tmp_path):
 @pytest.mark.thorough
 def test_text_output_reports_boundary_and_flown_points():
     done = call("--no-theory", x="delay=0.1:0.6:3", y="autopilot.law.k2=80%:120%:2", set="duration=20 s")
-    for text in ("points flown of 15", "autopilot.law.k2 0.8 × own: succeeds at 0.1, boundary at uplink delay 0."):
+    for text in (
+        "of 15 points flown, 1 run each",
+        "autopilot.law.k2 0.8 × own: succeeds at 0.1, boundary at uplink delay 0.",
+    ):
         assert text in done.stdout
 
 

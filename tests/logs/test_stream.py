@@ -160,30 +160,29 @@ def test_mcap_library_reads_the_streamed_log(tmp_path, ring):
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory) -> bytes:
+def whole(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("cut") / "flight.mcap"
     with Ring.create(columns=WIDTH, rows=512) as ring:
         flown(path, ring, rows_of(1200)).close()
         ring.unlink()
-    return path.read_bytes()
+    return path
 
 
 @pytest.mark.thorough
 @settings(max_examples=150)
 @given(share=st.floats(0, 1, exclude_max=True))
-def test_truncated_stream_gives_all_chunks_before_the_cut(tmp_path_factory, data, share):
+def test_truncated_stream_gives_all_chunks_before_the_cut(tmp_path_factory, whole, share):
     """All chunks that end before the cut, as the file's own index has them; refused only without the description."""
     path = tmp_path_factory.mktemp("cut") / "cut.mcap"
-    path.write_bytes(data[: int(share * len(data))])
-    (path.parent / "whole.mcap").write_bytes(data)
-    with open(path.parent / "whole.mcap", "rb") as stream:
+    path.write_bytes(whole.read_bytes()[: int(share * whole.stat().st_size)])
+    with open(whole, "rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
-    whole = [c for c in summary.chunk_indexes if c.chunk_start_offset + c.chunk_length <= path.stat().st_size]
-    least = 1 + max((c.message_end_time for c in whole), default=-1_000_000) // 1_000_000
+    chunks = [c for c in summary.chunk_indexes if c.chunk_start_offset + c.chunk_length <= path.stat().st_size]
+    least = 1 + max((c.message_end_time for c in chunks), default=-1_000_000) // 1_000_000
     described = summary.metadata_indexes[1].offset + summary.metadata_indexes[1].length
     if path.stat().st_size < described:
-        with pytest.raises(InputError, match=r"is cut before the first sample|not an MCAP"):
+        with pytest.raises(InputError, match=r"is cut before the first sample|not an MCAP|is empty"):
             read_mcap(path)
         return
     cut = read_mcap(path)
@@ -193,7 +192,8 @@ def test_truncated_stream_gives_all_chunks_before_the_cut(tmp_path_factory, data
     same(cut, rows_of(1200)[: len(cut)])
 
 
-def test_unreadable_log_error_reports_remaining_metadata(tmp_path, data):
+def test_unreadable_log_error_reports_remaining_metadata(tmp_path, whole):
+    data = whole.read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: data.index(b"trimtab.layout") + 40])
     with pytest.raises(InputError, match="the rest of the file gives scenario hovercraft/spin, seed 7"):
         read_mcap(tmp_path / "cut.mcap")

@@ -217,8 +217,8 @@ def _map_json(diagram: StabilityMap, criteria: Criteria) -> dict[str, Any]:
 def _print_map(scenario: str, diagram: StabilityMap, criteria: Criteria, why: str) -> None:
     traced, cells = diagram.traced_boundary, len(diagram.traced_boundary.boundary_cells())
     click.echo(
-        f"{scenario}: {traced.evaluated_points} of {traced.of} points flown, {diagram.runs} runs each,"
-        f" {cells} cell{'s' * (cells != 1)} on the boundary"
+        f"{scenario}: {traced.evaluated_points} of {traced.of} points flown, "
+        f"{diagram.runs} run{'s' * (diagram.runs != 1)} each, {cells} cell{'s' * (cells != 1)} on the boundary"
     )
     for value in diagram.y.values:
         line = int(np.abs(diagram.at_y - value).argmin())
