@@ -187,12 +187,12 @@ OWN = {
     "latencies of nanoseconds": (
         "link",
         lambda x: [x[0], *(f"{a},{1e-9 * float(b) if b else ''}" for a, b in (line.split(",") for line in x[1:]))],
-        "the median latency must be 1e-06 to 5 s",
+        "the median latency must be between 1 us and 5 s",
     ),
     "latencies of ten seconds": (
         "link",
         lambda x: [x[0], *(f"{a},{200 * float(b) if b else ''}" for a, b in (line.split(",") for line in x[1:]))],
-        "the median latency must be 1e-06 to 5 s",
+        "the median latency must be between 1 us and 5 s",
     ),
     "milliradians under radians": ("inertia", lambda x: alter(x, 2, lambda slope: 1e-3 * slope), "column 'slope'"),
     "milliseconds under seconds": (

@@ -191,7 +191,7 @@ def test_rejects_vectors_unknown_signals_and_duplicate_targets():
     log = logged([0.0, 1.0])
     with pytest.raises(InputError, match="not in this log"):
         metrics(log, [], ["yaw_rate"])
-    with pytest.raises(InputError, match="target of 'heading': there is no such signal"):
+    with pytest.raises(InputError, match="target of 'heading': no signal has this name"):
         metrics(log, [Target("heading", 1.0, 0.1)], [])
     with pytest.raises(InputError, match="two targets"):
         metrics(log, [Target("truth.x", 1.0, 0.1), Target("truth.x", 2.0, 0.1)], [])
@@ -210,10 +210,10 @@ def test_targets_are_checked_against_shapes_of_signals():
     assert refused.value.fix == "Target('truth.place[0]', 1, band=0.1)"
     with pytest.raises(InputError, match=r"target of 'truth.place\[2\]': 'truth.place' has shape"):
         check("truth.place[2]")
-    with pytest.raises(InputError, match="there is no such signal") as refused:
+    with pytest.raises(InputError, match="no signal has this name") as refused:
         check_targets([Target("law.error", 1.0, 0.1)], ["law.error.x", "law.errors"], lambda path: ())
     assert refused.value.choices == ("law.error.x",)
-    with pytest.raises(InputError, match="there is no such signal") as refused:
+    with pytest.raises(InputError, match="no signal has this name") as refused:
         check("truth")
     assert refused.value.choices == ("truth.place", "truth.heading")
 
