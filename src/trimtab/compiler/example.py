@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from trimtab.compiler import jaxprs
+from trimtab.compiler.native.call import ArrayType
 from trimtab.core.errors import InputError
 
 PART = "compile"
@@ -29,9 +30,6 @@ def check_example(example: tuple[Any, ...], name: str) -> None:
         if not isinstance(value, ARRAYS):
             fix = "pass arrays and numbers; bind other arguments with functools.partial"
             raise InputError(PART, f"{where} is {type(value).__name__}, not an array", fix=fix)
-        if is_key(value):
-            fix = "pass jax.random.key_data(key); start the function with key = jax.random.wrap_key_data(words)"
-            raise InputError(PART, f"{where} is a typed key", fix=fix)
         try:
             if not isinstance(value, jax.ShapeDtypeStruct):
                 jax.typeof(_native(value))
@@ -40,17 +38,15 @@ def check_example(example: tuple[Any, ...], name: str) -> None:
             raise InputError(PART, f"{where} cannot be used: {str(reason).splitlines()[0]}", fix=fix) from None
 
 
-def check_results(shapes: Any, name: str) -> None:
-    """Raise InputError if a result cannot be a numpy array."""
-    for path, value in jax.tree_util.tree_flatten_with_path(shapes)[0]:
-        if is_key(value):
-            where = f"result{jax.tree_util.keystr(path)} of {name!r}"
-            raise InputError(PART, f"{where} is a typed key", fix="return jax.random.key_data(key)")
-
-
 def is_key(value: Any) -> bool:
     """Return True if an array contains random keys (jax.random.key)."""
     return isinstance(value, jax.Array | jax.ShapeDtypeStruct) and jaxprs.is_key(value)
+
+
+def array_type(value: Any) -> ArrayType:
+    """Return the shape and type of an array's numbers in memory. For random keys, these are the words of the keys."""
+    keys = value.dtype if jaxprs.is_key(value) else None
+    return ArrayType(jaxprs.physical_shape(value), np.dtype(jaxprs.physical_type(value)), keys)
 
 
 def _native(value: Any) -> Any:

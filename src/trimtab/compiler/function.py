@@ -31,7 +31,9 @@ class Function:
         lowering.check_sizes([*jaxpr.jaxpr.invars, *jaxpr.jaxpr.constvars])
         indexed = jaxprs.indexed_inputs(jaxpr.jaxpr)
         self.inputs = [
-            parameter_array(v.aval.shape, lowering.type_name(v.aval.dtype), i in indexed)
+            parameter_array(
+                jaxprs.physical_shape(v.aval), lowering.type_name(jaxprs.physical_type(v.aval)), i in indexed
+            )
             for i, v in enumerate(jaxpr.jaxpr.invars)
         ]
         with jax.enable_x64(True):

@@ -156,6 +156,16 @@ def is_key(aval: Any) -> bool:
     return bool(jax.numpy.issubdtype(aval.dtype, jax.dtypes.prng_key))
 
 
+def wrap_words(words: Any, dtype: Any) -> Any:
+    """Return random keys of the type `dtype` from their words, as `jax.random.key_data` gives them."""
+    return jax.random.wrap_key_data(words, impl=dtype._impl)
+
+
+def words_of(keys: Any) -> Any:
+    """Return the words of random keys, as `jax.random.key_data` does, without starting a computation of JAX."""
+    return keys._base_array if hasattr(keys, "_base_array") else jax.random.key_data(keys)
+
+
 def physical_shape(aval: Any) -> tuple[int, ...]:
     """Return the shape of an array in memory. An array of random keys has an additional axis for the words of a key."""
     return (*aval.shape, *aval.dtype._impl.key_shape) if is_key(aval) else aval.shape

@@ -43,10 +43,14 @@ class TreeNode(NamedTuple):
 
 
 class ArrayType(NamedTuple):
-    """Shape and type of an input or output array."""
+    """Shape and type of an input or output array.
+
+    keys: type of the random keys (`jax.random.key`) whose words are the numbers; None for an array of other numbers.
+    """
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
+    keys: Any = None
 
     @property
     def width(self) -> int:
