@@ -22,7 +22,7 @@ COMMANDS = [
     f"benchmarks/{name}.py"
     for name in (
         *("compare", "instructions", "arrays", "step", "simulate", "filters"),
-        *("board", "start_up", "deadlines", "campaign", "foreign"),
+        *("board", "start_up", "deadlines", "campaign", "foreign", "crazyflow"),
     )
 ]
 PEERS = [f"benchmarks/peers/run.py {peer}" for peer in ("jaxonomy", "control", "drake", "pathsim", "elodin")]

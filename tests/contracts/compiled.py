@@ -53,13 +53,18 @@ def primitives(function: Callable[..., Any], arguments: Sequence[Any]) -> set[st
     return found
 
 
-def compiled(cases: list[Case], lanes: int, *flags: str) -> list[list[Any]]:
-    """Results of the compiled functions, for each set the leaves of all cases; lanes 0 for scalar C."""
+def compiled(cases: list[Case], lanes: int, *flags: str, halves: bool = False) -> list[list[Any]]:
+    """Results of the compiled functions, for each set the leaves of all cases; lanes 0 for scalar C.
+
+    halves: the elementary functions compute half of the lanes at a time, as in programs of 32-bit numbers.
+    """
     if lanes:
-        made = [lower_function(c.function, c.sets[0]).program_text(f"go{k}", lanes) for k, c in enumerate(cases)]
+        lowered = [lower_function(c.function, c.sets[0]) for c in cases]
+        made = [f.program_text(f"go{k}", lanes, halves=halves) for k, f in enumerate(lowered)]
         texts = [_spaced(m.text, k) for k, m in enumerate(made)]
         library = load_library(build_library(INCLUDES + "\n".join(texts), "c++", extra=("-O1", "-w", *flags)))
-        parts = [_run(getattr(library, f"go{k}"), c, lanes, made[k].workspace) for k, c in enumerate(cases)]
+        run = _run_both_halves if halves else _run
+        parts = [run(getattr(library, f"go{k}"), c, lanes, made[k].workspace) for k, c in enumerate(cases)]
         return [[leaf for part in row for leaf in part] for row in zip(*parts, strict=True)]
     function, sets = together(cases)
     one = lower_function(function, sets[0]).program_text("go")
@@ -98,6 +103,16 @@ def _run(go: Any, case: Case, runs: int, workspace: int) -> list[list[Any]]:
     return found
 
 
+def _run_both_halves(go: Any, case: Case, runs: int, workspace: int) -> list[list[Any]]:
+    """The results of _run, computed in both halves of the lanes, which must give the same bits."""
+    assert len(case.sets) <= runs // 2
+    sets = (case.sets * runs)[: runs // 2]
+    found = _run(go, case._replace(sets=2 * sets), runs, workspace)
+    for first, second in zip(found[: len(sets)], found[len(sets) :], strict=True):
+        assert all(a.tobytes() == b.tobytes() for a, b in zip(first, second, strict=True)), case.name
+    return found[: len(case.sets)]
+
+
 def reference(function: Callable[..., Any], sets: list[tuple[Any, ...]]) -> list[list[Any]]:
     """Results for each set of arguments, of JAX."""
     # The reference is XLA as it comes, whatever the environment says: its older way computes cbrt to 13 digits only.
@@ -120,6 +135,9 @@ def differences(cases: list[Case]) -> list[str]:
         tries = [(0, cases, pool.submit(compiled, cases, 0))]
         if wide:
             tries.append((LANES, wide, pool.submit(compiled, wide, LANES)))
+        half = [c for c in wide if lower_function(c.function, c.sets[0]).has_half_width()]
+        if half:
+            tries.append((2 * LANES, half, pool.submit(compiled, half, 2 * LANES, halves=True)))
         return [
             line for lanes, some, got in tries for line in _lines(cases, some, lanes, wanted.result(), got.result())
         ]

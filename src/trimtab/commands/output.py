@@ -4,8 +4,10 @@ import contextlib
 import json
 import math
 import os
+import sys
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +40,22 @@ def print_json(result: Mapping[str, Any], files: Iterable[str | Path] = (), verb
     names = [str(file) for file in files]
     note_written(names)
     answer = compose_answer(verb or _running_verb(), {**result} | ({"files": names} if names else {}))
-    click.echo(json.dumps(answer, allow_nan=False))
+    click.echo(json.dumps(answer, allow_nan=False), file=_ANSWERS.get())
+
+
+_ANSWERS: ContextVar[Any] = ContextVar("answers", default=None)
+"""Stream of the answers. None means standard output."""
+
+
+@contextlib.contextmanager
+def answers_only() -> Iterator[None]:
+    """Print only answers to standard output. All other text goes to standard error, also that of a user's own file."""
+    token = _ANSWERS.set(sys.stdout)
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _ANSWERS.reset(token)
 
 
 def compose_answer(verb: str, result: Mapping[str, Any]) -> dict[str, Any]:

@@ -96,22 +96,49 @@ if (ttv_within(ttv_abs(x), 2147483647.0)) return __builtin_convertvector(x, vi32
     x = x < low ? low : x; x = x > high ? high : x; return __builtin_convertvector(x, vi32);"""
 
 
+_SINCOS_OVER_LANES = """
+#if TT_HALVES
+    vf64 s, c, t, d;
+    ttv_sincos(tt_part(a, 0), &s, &c);
+    ttv_sincos(tt_part(a, 1), &t, &d);
+    *sine = tt_join(s, t);
+    *cosine = tt_join(c, d);
+#else
+    vf64 s, c;
+    ttv_sincos(__builtin_convertvector(a, vf64), &s, &c);
+    *sine = __builtin_convertvector(s, vf32);
+    *cosine = __builtin_convertvector(c, vf32);
+#endif"""
+_SQRT_OVER_LANES = """
+#if defined(__AVX512F__) && LANES == 16 && !defined(__clang__)
+    return __builtin_ia32_sqrtps512_mask(a, (vf32){}, -1, 4);
+#elif defined(__AVX__) && LANES == 8
+    return __builtin_ia32_sqrtps256(a);
+#elif defined(__SSE__) && LANES == 4
+    return __builtin_ia32_sqrtps(a);
+#else
+    vf32 r;
+    EACH_LANE r[l] = __builtin_sqrtf(a[l]);
+    return r;
+#endif"""
+
+
 def _lane_helper(name: str) -> str:
     """Return the C text of a helper for lanes: vector code if available, else a call of the scalar helper per lane."""
     if name == "tv_any":
-        return _function_text("bool", name, "vi64 m", "return ttv_any(m);")
+        return _function_text("bool", name, "vmask m", "return tt_any(m);")
     if match := re.fullmatch(r"tv_(splat|take|pick|put|gather|scatter)_(\w+)", name):
         kind, t = match.groups()
         v, T, each = vector_type(t), C_TYPES[t], "int64_t step, int32_t runs"  # step from run to run, number of runs
-        sign, truth = ("-(int64_t)", " != 0") if t == "bool" else ("", "")
+        sign, truth = ("-(tt_mask)", " != 0") if t == "bool" else ("", "")
         run = f"{sign}p[(l < runs ? l : 0) * step]"
-        splat = f"return x {'-' if is_float(t) else '+'} (v{t}){{}};"  # not x + 0, which loses the sign of -0
-        splat = "return (vi64){} - (int64_t)x;" if t == "bool" else splat
+        splat = f"return x {'-' if is_float(t) else '+'} ({v}){{}};"  # not x + 0, which loses the sign of -0
+        splat = "return (vmask){} - (tt_mask)x;" if t == "bool" else splat
         result, parameters, body = {
             "splat": (v, f"{T} x", splat),
             "take": (v, f"const {T} *p, vi32 i", _all_lanes(v, f"{sign}p[i[l]]")),  # from one table
             "pick": (v, f"const {v} *p, vi32 i", _all_lanes(v, "p[i[l]][l]")),
-            "put": ("void", f"{v} *p, vi32 i, {v} x, vi64 m", "EACH_LANE if (m[l]) p[i[l]][l] = x[l];"),
+            "put": ("void", f"{v} *p, vi32 i, {v} x, vmask m", "EACH_LANE if (m[l]) p[i[l]][l] = x[l];"),
             "gather": (v, f"const {T} *p, {each}", f"{v} r; EACH_LANE r[l] = {run}; return r;"),
             "scatter": ("void", f"{T} *p, {each}, {v} x", f"EACH_LANE if (l < runs) p[l * step] = x[l]{truth};"),
         }[kind]
@@ -120,8 +147,12 @@ def _lane_helper(name: str) -> str:
         v, source = vector_type(match[1]), match[2]
         body = f"{v} r; EACH_LANE r[l] = tt_{match[1]}_of_{source}(x[l]); return r;"
         if name == "tv_i32_of_f32":
-            body = "return tv_i32_of_f64(__builtin_convertvector(x, vf64));"
-        return _function_text(v, name, f"v{source} x", _SATURATION_OVER_LANES if name == "tv_i32_of_f64" else body)
+            whole = "return tv_i32_of_f64(__builtin_convertvector(x, wf64));"
+            body = f"\n#if TT_HALVES\n    {body}\n#else\n    {whole}\n#endif"
+        if name == "tv_i32_of_f64":  # which programs of 32-bit numbers do not call
+            text = _function_text(v, name, f"{vector_type(source)} x", _SATURATION_OVER_LANES)
+            return f"#if !TT_HALVES\n{text}#endif\n"
+        return _function_text(v, name, f"{vector_type(source)} x", body)
     match = re.fullmatch(r"tv_([a-z0-9_]+)_([iuf]\d+)", name)
     if not match:
         raise KeyError(name)
@@ -134,9 +165,12 @@ def _lane_helper(name: str) -> str:
         return _function_text(v, name, f"{v} a, {v} b", body)
     two = op in (*_TWO_OPERANDS, "pow", "atan2", "fmod")
     body = f"{v} r; EACH_LANE r[l] = tt_{op}_{t}({'a[l], b[l]' if two else 'a[l]'}); return r;"
+    if name == "tv_sincos_f32":
+        return _function_text("void", name, "vf32 a, vf32 *sine, vf32 *cosine", _SINCOS_OVER_LANES)
+    if name == "tv_sqrt_f32":
+        return _function_text(v, name, f"{v} a", _SQRT_OVER_LANES)
     if t == "f32" and op in (*ELEMENTARY, "fmod"):  # the function for double, rounded to float, as in scalar code
-        wide = ", ".join(f"__builtin_convertvector({x}, vf64)" for x in ("ab" if two else "a"))
-        body = f"return __builtin_convertvector(ttv_{op}({wide}), vf32);"
+        body = f"return {'OF_DOUBLES' if two else 'OF_DOUBLE'}(ttv_{op}, {'a, b' if two else 'a'});"
     return _function_text(v, name, f"{v} a, {v} b" if two else f"{v} a", body)
 
 
@@ -145,8 +179,9 @@ def _all_lanes(vector: str, number: str) -> str:
 
     Code that sets the lanes one after the other would wait for memory at each lane.
     """
-    each = {n: ", ".join(number.replace("[l]", f"[{k}]") for k in range(n)) for n in (4, 8)}
-    return f"\n#if LANES == 8\n    return ({vector}){{{each[8]}}};\n#else\n    return ({vector}){{{each[4]}}};\n#endif"
+    each = {n: ", ".join(number.replace("[l]", f"[{k}]") for k in range(n)) for n in (4, 8, 16)}
+    choices = [f"LANES == {n}\n    return ({vector}){{{each[n]}}};" for n in (4, 8, 16)]
+    return "\n#if " + "\n#elif ".join(choices) + "\n#endif"
 
 
 def helper_dependencies(name: str) -> list[str]:
@@ -154,7 +189,7 @@ def helper_dependencies(name: str) -> list[str]:
     if not name.startswith("tv_") or re.match(r"tv_(splat|any|take|pick|put|gather|scatter)", name):
         return []
     if name in ("tv_i32_of_f64", "tv_i32_of_f32"):
-        return ["tv_splat_f64", *(["tv_i32_of_f64"] if name == "tv_i32_of_f32" else [])]
+        return ["tv_splat_f64", *(["tt_i32_of_f32", "tv_i32_of_f64"] if name == "tv_i32_of_f32" else [])]
     scalar = "tt_" + name.removeprefix("tv_")
     try:
         text = helper_text(name)

@@ -21,7 +21,7 @@ from trimtab.compiler.native.call import LoadedFunction, array_addresses
 from trimtab.compiler.native.compiler import find_compiler, lane_count
 from trimtab.core.errors import InputError
 
-LANES = (1, 4, 8)
+LANES = (1, 4, 8, 16)
 VECTORS = 0.98
 """Largest fraction of operations in vectorised loops at which computing several runs side by side (in lanes) still
 saves time."""
@@ -44,9 +44,10 @@ def compile(
         example: example arguments. The compiled function accepts arguments of the same shapes and types; the values
             of the example do not matter. Python numbers are float64 and int64. The function is traced with
             ``jax.enable_x64``; the user's own setting ``jax_enable_x64`` stays as it is.
-        lanes: number of runs that `CompiledFunction.lanes` computes side by side: 1, 4 or 8. If given, the code for
-            lanes is built at once. If None, `lanes` is the number that the CPU supports; or 1 if lanes do not
-            support a type of the function, or if a single run is vectorised already, e.g. a product of large matrices.
+        lanes: number of runs that `CompiledFunction.lanes` computes side by side: 1, 4 or 8, or 16 with AVX-512 for a
+            function of 32-bit numbers. If given, the code for lanes is built at once. If None, `lanes` is the number
+            that fits into a vector of the CPU; or 1 if lanes do not support a type of the function, or if a single
+            run is vectorised already, e.g. a product of large matrices.
         threads: number of threads that share the runs of `CompiledFunction.lanes`.
 
     Returns:
@@ -159,16 +160,21 @@ class CompiledFunction:
         return self._many
 
     def _build_lanes(self) -> tuple[int, LoadedFunction]:
-        lanes = self._lanes
+        found = find_compiler("c++")
+        width = lane_count(found) if found else 1  # doubles in a vector
+        lanes, halves = self._lanes, width > 1 and self._lowered.has_half_width()
         if lanes is None:
-            found = find_compiler("c++")
             alone = self._lowered.vector_share() > VECTORS
-            lanes = lane_count(found) if found and not alone else 1
+            lanes = 1 if alone else 2 * width if halves else width
         if lanes == 1:
             return 1, self._program
+        halves = halves and lanes == 2 * width
+        if lanes == 16 and not halves:
+            problem = f"16 lanes of {self.name!r} do not fit into a vector: they need AVX-512 and numbers of 32 bits"
+            raise InputError(PART, problem, fix="lanes=8, or None")
         try:
             with report_fault(f"function {self.name!r} over lanes"):
-                text = self._lowered.program_text(self._symbol, lanes, large_as_data=True)
+                text = self._lowered.program_text(self._symbol, lanes, large_as_data=True, halves=halves)
         except CompilerFaultError:
             raise
         except InputError:

@@ -163,19 +163,17 @@ LICENCE_NOTE = """\
  * none, without notice; it comes without warranty. */
 """
 INCLUDES = "#include <math.h>\n#include <stdbool.h>\n#include <stdint.h>\n#include <string.h>\n"
-LANE_TYPES = """#define LANES TT_LANES
-#define EACH_LANE for (int l = 0; l < LANES; l++)
-typedef int32_t vi32 __attribute__((vector_size(4 * LANES)));
-typedef uint32_t vu32 __attribute__((vector_size(4 * LANES)));
-typedef float vf32 __attribute__((vector_size(4 * LANES)));
-"""
 
 
-def preamble_text(writer: Writer, lanes: int = 0) -> str:
-    """Return the text that precedes the functions written by this writer. lanes: 0 for scalar C."""
-    parts = [LICENCE_NOTE, INCLUDES, used_elementary_text(writer, lanes)]
+def preamble_text(writer: Writer, lanes: int = 0, halves: bool = False) -> str:
+    """Return the text that precedes the functions written by this writer.
+
+    lanes: 0 for scalar C.  halves: the lanes hold numbers of 32 bits, and the elementary functions compute half of the
+    lanes at a time.
+    """
+    parts = [LICENCE_NOTE, INCLUDES, used_elementary_text(writer, lanes // 2 if halves else lanes)]
     if lanes:
-        parts.append(LANE_TYPES)
+        parts += [f"#define TT_HALVES {int(halves)}", "\n\n".join(_blocks("lanes"))]
     parts.append(helper_texts(writer.used))
     parts += writer.tables
     return "\n".join(parts)

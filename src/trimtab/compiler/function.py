@@ -11,6 +11,7 @@ from trimtab.compiler.analysis import find_varying, prune, vector_share
 from trimtab.compiler.arrays import Array, is_small, scalars
 from trimtab.compiler.elementary import preamble_text
 from trimtab.compiler.ir import Builder, Local
+from trimtab.compiler.lane_width import has_half_width
 from trimtab.compiler.lower import Lowering
 from trimtab.compiler.pieces import PieceFrame, build_level, plan_pieces
 from trimtab.compiler.rules import RULES
@@ -47,8 +48,13 @@ class Function:
         int32_t)`."""
         return self.program_text(name, lanes).text
 
-    def program_text(self, name: str, lanes: int = 0, large_as_data: bool = False) -> "FunctionText":
-        """Return the C text (C++ for lanes), the size of the workspace that the caller provides, and large tables."""
+    def program_text(
+        self, name: str, lanes: int = 0, large_as_data: bool = False, halves: bool = False
+    ) -> "FunctionText":
+        """Return the C text (C++ for lanes), the size of the workspace that the caller provides, and large tables.
+
+        halves: the lanes hold numbers of 32 bits, see `has_half_width`.
+        """
         blocks = self.blocks
         varying = find_varying(blocks, _array_contents(self.inputs), []) if lanes else None
         if varying is not None:
@@ -76,7 +82,7 @@ class Function:
         linkage = 'extern "C" ' if lanes else ""
         head = f"{linkage}void {name}({arguments})\n{{"
         silence = "    (void)in; (void)out; (void)workspace; (void)runs;"
-        text = "\n".join([preamble_text(w, lanes), w.frame.text(), head, frame, *w.lines, silence, "}\n"])
+        text = "\n".join([preamble_text(w, lanes, halves), w.frame.text(), head, frame, *w.lines, silence, "}\n"])
         data = w.data or []
         tables = [table_numbers(buffer) for buffer in data]
         text += filling_text(name, [w.names[id(buffer)] for buffer in data], tables, linkage)
@@ -85,6 +91,11 @@ class Function:
     def vector_share(self) -> float:
         """Return the fraction of the function's operations that a C compiler vectorises in a single run."""
         return vector_share(self.blocks)
+
+    def has_half_width(self) -> bool:
+        """Return True if nearly all numbers that differ between lanes have 32 bits."""
+        inputs = _array_contents(self.inputs)
+        return has_half_width(self.blocks, find_varying(self.blocks, inputs, []), inputs)
 
     def _result_names(self) -> dict[int, str]:
         """Return the C name of the caller's array, e.g. out0, for each result's buffer that can be in the caller's
@@ -140,7 +151,7 @@ def _load_input(w: Writer, i: int, a: Array, lanes: int) -> None:
             w.write_line(f"const {T} *{name} = in[{i}];")
             return
         w.declare_buffer(a.buffer, name)
-        minus = "-(int64_t)" if a.dtype == "bool" else ""
+        minus = "-(tt_mask)" if a.dtype == "bool" else ""
         read = f"{minus}{source}[(l < runs ? l : 0) * INT64_C({a.size}) + j]"
         w.write_line(f"for (int32_t j = 0; j < {a.size}; j++) EACH_LANE {name}[j][l] = {read};")
         return

@@ -1,8 +1,8 @@
 """C text of each operation, for one number in C and for lanes in C++.
 
-Lanes are vectors (GCC vector extensions) with one run in each lane; truth values are masks of 64 bits. Helpers do the
-operations in which plain C differs from JAX: division, shifts, conversion, maximum, minimum. A helper is named tt_NAME
-for one number and tv_NAME for lanes.
+Lanes are vectors (GCC vector extensions) with one run in each lane; truth values are masks. Helpers do the operations
+in which plain C differs from JAX: division, shifts, conversion, maximum, minimum. A helper is named tt_NAME for one
+number and tv_NAME for lanes.
 """
 
 import math
@@ -32,7 +32,7 @@ C_TYPES = {
 assert set(C_TYPES) == set(TYPES)
 LANE_TYPES = ("bool", "i32", "i64", "u32", "u64", "f32", "f64")
 HALF = ("i32", "u32", "f32")
-"""Types of 32 bits, whose lanes are half as wide as those of a mask."""
+"""Types of 32 bits."""
 LIMITS = {t: (f"{C_TYPES[t][:-2].upper()}_MIN", f"{C_TYPES[t][:-2].upper()}_MAX") for t in C_TYPES if t[0] in "iu"}
 
 Name = Callable[[Value], str]
@@ -60,8 +60,8 @@ def number_literal(number: Any, dtype: str) -> str:
 
 
 def vector_type(t: str) -> str:
-    """Return the vector type of a value in lanes. Truth values are masks of 64-bit lanes."""
-    return "vi64" if t == "bool" else f"v{t}"
+    """Return the vector type of a value in lanes, as `runtime/lanes.h` defines it. Truth values are masks."""
+    return "vmask" if t == "bool" else f"v{t}" if t in HALF else f"w{t}"
 
 
 def check_lane_type(dtype: str) -> None:
@@ -74,7 +74,7 @@ def check_lane_type(dtype: str) -> None:
 
 def lane_mask(mask: str, dtype: str) -> str:
     """Return a mask converted to the width of the numbers that it selects."""
-    return f"__builtin_convertvector({mask}, vi32)" if dtype in HALF else mask
+    return mask if dtype == "bool" else f"MASK_{32 if dtype in HALF else 64}({mask})"
 
 
 class _Operation(NamedTuple):
@@ -144,8 +144,8 @@ def _comparison(o: _Operation) -> str:
 
 
 def _full_mask(o: _Operation, text: str) -> str:
-    """Return a comparison of vectors as a mask of 64 bits."""
-    return f"__builtin_convertvector({text}, vi64)" if o.t in HALF else f"(vi64)({text})"
+    """Return a comparison of vectors as a mask."""
+    return f"(vmask)({text})" if o.t == "bool" else f"MASK_OF_{32 if o.t in HALF else 64}({text})"
 
 
 def _infix(o: _Operation) -> str:
@@ -192,8 +192,8 @@ def _conversion(o: _Operation) -> str:
     if not o.lanes:
         return f"tt_single({a})" if (o.t, to) == ("f64", "f32") else f"({C_TYPES[to]}){a}"
     if o.t == "bool":
-        return f"{lane_mask(a, to)} ? {o.call(f'splat_{to}', '1')} : (v{to}){{}}"
-    return f"__builtin_convertvector({a}, v{to})"
+        return f"{lane_mask(a, to)} ? {o.call(f'splat_{to}', '1')} : ({vector_type(to)}){{}}"
+    return f"__builtin_convertvector({a}, {vector_type(to)})"
 
 
 def _bitcast(o: _Operation) -> str:
@@ -218,7 +218,7 @@ def _absolute(o: _Operation) -> str:
     if o.lanes and o.t == "f32":
         return f"(vf32)((vu32){a} & {o.call('splat_u32', '0x7fffffffU')})"
     if o.lanes:
-        return f"(vf64)((vu64){a} & {o.call('splat_u64', '0x7fffffffffffffffULL')})"
+        return f"(wf64)((wu64){a} & {o.call('splat_u64', '0x7fffffffffffffffULL')})"
     return f"fabs{float_suffix(o.t)}({a})"
 
 

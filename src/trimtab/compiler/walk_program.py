@@ -249,7 +249,7 @@ def _write_table(w: Writer, name: str, array: Array, differs: bool, start: int, 
 
 def _input_text(position: int | str, dtype: str, differs: bool, lanes: int) -> str:
     """Return the C text that reads an input and converts it to its type. In lanes, true has all bits set."""
-    cast = "-(int64_t)" if differs and lanes and dtype == "bool" else f"({C_TYPES[dtype]})"
+    cast = "-(tt_mask)" if differs and lanes and dtype == "bool" else f"({C_TYPES[dtype]})"
     if not differs:
         return f"{cast}shared[{position}]"
     run = "first + l" if lanes else "first"
@@ -287,7 +287,7 @@ if (j->stats) for (int i = 0; i < WIDTH; i++) EACH_RUN {
 def _write_row(w: Writer, values: list[Value]) -> None:
     where, *numbers = values
     w.write_line(f"const int64_t at = {w.name(where)};")
-    w.write_line(f"{'double x[WIDTH][RUNS]' if w.varying is None else 'vf64 x[WIDTH]'};")
+    w.write_line(f"{'double x[WIDTH][RUNS]' if w.varying is None else 'wf64 x[WIDTH]'};")
     for k, v in enumerate(numbers):
         if w.varies(v) and v.dtype == "f64":
             w.write_line(f"x[{k}] = {w.name(v)};")

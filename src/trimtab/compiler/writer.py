@@ -13,7 +13,6 @@ from trimtab.compiler.text import (
     expression,
     lane_mask,
     number_literal,
-    single_precision_lanes,
     vector_type,
 )
 from trimtab.compiler.values import Buffer, Value
@@ -170,22 +169,20 @@ class Writer:
 
     def write_sincos(self, v: Value, name: str, kind: str) -> None:
         """Write the sine and cosine of an angle, or only the one that is needed."""
-        prefix = "ttv_" if self.varies(v) else "tt_"
-        suffix = "f" if v.dtype == "f32" else ""
+        name_of = ("ttv_{}" if self.varies(v) else "tt_{}") + ("f" if v.dtype == "f32" else "")
         wanted = [which for which in ("sin_of", "cos_of") if (which, id(v)) in self.live_pairs]
+        functions = ["sincos"] if len(wanted) == 2 else [which.removesuffix("_of") for which in wanted]
+        if v.dtype == "f32" and self.varies(v):
+            name_of = "tv_{}_f32"
+            for function in functions:
+                self.note_use(f"ttv_{function}")  # which the helper calls
         angle = self.name(v.args[0])
-        if suffix and self.varies(v):
-            for which in wanted:
-                call = single_precision_lanes(which.removesuffix("_of"), [angle], self.note_use)
-                self.write_line(f"const {kind} {name}{PAIR[which]} = {call};")
-            return
         if len(wanted) == 2:
             self.write_line(f"{kind} {name}s, {name}c;")
-            self.write_line(f"{self.note_use(f'{prefix}sincos{suffix}')}({angle}, &{name}s, &{name}c);")
+            self.write_line(f"{self.note_use(name_of.format('sincos'))}({angle}, &{name}s, &{name}c);")
             return
-        for which in wanted:
-            function = self.note_use(f"{prefix}{which.removesuffix('_of')}{suffix}")
-            self.write_line(f"const {kind} {name}{PAIR[which]} = {function}({angle});")
+        for which, function in zip(wanted, functions, strict=True):
+            self.write_line(f"const {kind} {name}{PAIR[which]} = {self.note_use(name_of.format(function))}({angle});")
 
     def note_sincos(self, blocks: list[Block]) -> None:
         """Record, for each sincos, which of its two results are needed. Call this before writing any text."""
@@ -256,8 +253,8 @@ class Writer:
         """Write both sides of a branch under masks. A side is skipped at run time if no lane takes it."""
         outer = f" & {self.masks[-1]}" if self.masks else ""
         test, yes, no = self.name(item.test), self.fresh("m"), self.fresh("m")
-        self.write_line(f"const vi64 {yes} = {test}{outer};")
-        self.write_line(f"const vi64 {no} = ~{test}{outer};")
+        self.write_line(f"const vmask {yes} = {test}{outer};")
+        self.write_line(f"const vmask {no} = ~{test}{outer};")
         results = []
         for joined, x, y in item.joins:
             results.append((self.declare_join(joined, "{}")[0], x, y))
@@ -292,7 +289,7 @@ class Writer:
         apart = item.test is not None and self.varies(item.test)
         live = self.fresh("m")
         if apart:
-            self.write_line(f"vi64 {live} = {self.active_mask()};")
+            self.write_line(f"vmask {live} = {self.active_mask()};")
         if item.count is not None:
             index = self.names[id(item.index)] = self.fresh("i")
             assert not self.varies(item.count), "the number of iterations must be equal in all lanes"
@@ -364,7 +361,7 @@ class Writer:
     def share_mask(self, mask: str) -> None:
         """Put a mask into the frame, for the pieces that are executed under it."""
         if self.pieces.runs and not self.piece:
-            self.frame.add_value("vi64", mask, "bool", True)
+            self.frame.add_value("vmask", mask, "bool", True)
             self.write_line(f"f->{mask} = {mask};")
 
     def divide(self, pieces: Pieces, frame: PieceFrame) -> None:
@@ -388,7 +385,7 @@ class Writer:
             )
             self.names[id(thing)] = name
         if self.masks:
-            self.write_line(f"const vi64 {self.masks[-1]} = f->{self.masks[-1]};")
+            self.write_line(f"const vmask {self.masks[-1]} = f->{self.masks[-1]};")
         self.write_items(items)
         text, call = self.frame.piece_text(number, self.lines)
         self.frame.functions.append(text)
