@@ -149,13 +149,12 @@ def test_run_caches_setting_paths_of_scenario(tmp_path, monkeypatch):
 
 def test_text_printed_by_a_users_file_does_not_mix_with_the_answer(tmp_path):
     text = (Path(__file__).parents[2] / "examples" / "my_boat.py").read_text(encoding="utf-8")
-    text = text.replace("        x = estimate.state\n", "        x = estimate.state\n        print('in the law')\n")
+    text = text.replace("    link, tick = ", "    print('in the function')\n    link, tick = ")
     (tmp_path / "chatty.py").write_text(f"{text}\nprint('at the import')\n", encoding="utf-8")
     words = [f"{tmp_path / 'chatty.py'}:scenario", "--no-ideal", "--duration", "0.1"]
     done = CliRunner().invoke(main, ["run", *words, "--json"])
     assert json.loads(done.stdout)["answer"] == "run/1"
-    assert done.stderr.startswith("at the import\n")
-    assert "in the law" in done.stderr
-    assert "at the import" in CliRunner().invoke(main, ["list", words[0]]).stdout
+    assert "at the import\n" in done.stderr
+    assert "in the function\n" in done.stderr
     refused = CliRunner().invoke(main, ["run", words[0], "--json", "--set", "world.vehicle.mas=1"])
     assert json.loads(refused.stdout)["answer"] == "error/1"

@@ -4,10 +4,8 @@ import contextlib
 import json
 import math
 import os
-import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextvars import ContextVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,22 +38,7 @@ def print_json(result: Mapping[str, Any], files: Iterable[str | Path] = (), verb
     names = [str(file) for file in files]
     note_written(names)
     answer = compose_answer(verb or _running_verb(), {**result} | ({"files": names} if names else {}))
-    click.echo(json.dumps(answer, allow_nan=False), file=_ANSWERS.get())
-
-
-_ANSWERS: ContextVar[Any] = ContextVar("answers", default=None)
-"""Stream of the answers. None means standard output."""
-
-
-@contextlib.contextmanager
-def answers_only() -> Iterator[None]:
-    """Print only answers to standard output. All other text goes to standard error, also that of a user's own file."""
-    token = _ANSWERS.set(sys.stdout)
-    try:
-        with contextlib.redirect_stdout(sys.stderr):
-            yield
-    finally:
-        _ANSWERS.reset(token)
+    click.echo(json.dumps(answer, allow_nan=False))
 
 
 def compose_answer(verb: str, result: Mapping[str, Any]) -> dict[str, Any]:

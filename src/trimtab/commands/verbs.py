@@ -11,7 +11,6 @@ import re
 import shlex
 import sys
 from collections.abc import Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from trimtab.commands import typed_names
 from trimtab.commands.declared_options import parse_words
 from trimtab.commands.end_signals import TerminatedError, end_on_signals
 from trimtab.commands.jax_platform import choose_platform
-from trimtab.commands.output import answers_only, print_json
+from trimtab.commands.output import print_json
 from trimtab.commands.standard_streams import flush_output, replace_unprintable, report_failure
 from trimtab.core.errors import InputError, Spelling, spell_with
 from trimtab.core.suggestions import closest
@@ -147,7 +146,7 @@ class Verbs(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         """Run the subcommand that was typed."""
         try:
-            with spell_with(spell_option), answers_only() if "--json" in ctx.meta[WORDS] else nullcontext():
+            with spell_with(spell_option):
                 return super().invoke(ctx)
         except InputError as error:
             _print_refusal(ctx, error.part, error.problem, error.choices, error.fix)

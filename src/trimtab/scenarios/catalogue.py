@@ -16,6 +16,7 @@ import sys
 import types
 import typing
 from collections.abc import Callable, Mapping
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -108,7 +109,7 @@ def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple
         return build(**arguments), rest
     arguments = {n: _convert_argument(build, n, text) for n, text in arguments.items()}
     try:
-        with spell_with(_spell_python):
+        with spell_with(_spell_python), redirect_stdout(sys.stderr):
             return build(**arguments), rest
     except (Exception, SystemExit) as error:  # raised by the code in the named file
         raise _own_code_error(name, error) from error
@@ -231,7 +232,7 @@ def _load_file(name: str, path: Path) -> Any:
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
     try:
-        with spell_with(_spell_python):
+        with spell_with(_spell_python), redirect_stdout(sys.stderr):  # standard output is for the answer of --json
             spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         sys.modules.pop(module_name, None)
@@ -269,7 +270,8 @@ def _load_module(name: str, where: str) -> Any:
     if "" not in sys.path:
         sys.path.insert(0, "")
     try:
-        return importlib.import_module(where)
+        with redirect_stdout(sys.stderr):
+            return importlib.import_module(where)
     except (Exception, SystemExit) as error:
         if not isinstance(error, ModuleNotFoundError) or error.name != where.split(".")[0]:
             raise _own_code_error(f"{where}:scenario", error) from error
