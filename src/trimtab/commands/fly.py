@@ -189,7 +189,8 @@ def _fly_lockstep(
     try:
         written = autopilot.run(line, log)
     except NoAnswerError as error:
-        raise InputError("--lockstep", str(error), fix=f"{other} --lockstep --listen …") from None
+        fix = f"start the other end again: {other} --lockstep --listen …, or, for firmware, make -C DIR run LOCKSTEP=1"
+        raise InputError("--lockstep", str(error), fix=fix) from None
     is_whole = log is None or (written is not None and not written.dropped and not written.unwritten)
     problems = [] if is_whole else ["the log lacks rows"]
     log_facts = None if written is None else written._asdict()
