@@ -209,7 +209,7 @@ def _print_found(scenario: str, found: Identified, changes: dict[str, float]) ->
     for p, value, interval in zip(found.parameters, found.values, intervals, strict=True):
         ends = " … ".join(f"{end:.6g}" for end in interval)
         shown = "not identifiable" if p.path in unidentifiable else ends
-        table.add_row(p.path.replace("[", r"\["), f"{p.start:.6g}", f"{value:.6g}", shown, p.unit)
+        table.add_row(p.path.replace("[", r"\["), f"{p.start:.6g}", f"{value:.6g}", shown, "" if p.unit == "1" else p.unit)
     print_table(table)
     for group in found.groups:
         if len(group) > 1:
