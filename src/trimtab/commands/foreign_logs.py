@@ -69,7 +69,7 @@ def read_any_log(file: Path, mapping: Path | None, *, quiet: bool = False) -> Lo
 
 
 def _print_topics(title: str, topics: list[TopicSummary]) -> None:
-    table = new_table("topic", ">rows", ">Hz", "fields", title=title.replace("[", r"\["), unwrapped=("topic",))
+    table = new_table("topic", ">rows", ">Hz", "fields", title=title, unwrapped=("topic",))
     for topic in topics:
         more = len(topic.fields) - FIELDS_SHOWN
         fields = " ".join(topic.fields[:FIELDS_SHOWN]) + (f" and {more} more" if more > 0 else "")

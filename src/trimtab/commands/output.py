@@ -112,14 +112,15 @@ def print_table(table: "Table") -> None:
     from rich.text import Text
 
     screen = console()
+    if table.title:  # the table would wrap the title at the table's width, which may be much narrower than the terminal
+        screen.print(Text(str(table.title), style="table.title"))
+        table.title = None
     for column in table.columns:
         vars(column)["_cells"] = [show_controls(cell) if isinstance(cell, str) else cell for cell in column.cells]
     rows = list(zip(*(column.cells for column in table.columns), strict=True))
     if not rows or _fit_columns(table, screen):
         screen.print(table)
         return
-    if table.title:
-        click.echo(str(table.title))
     for row in rows:
         words = [Text.from_markup(str(cell)).plain.strip() for cell in row]
         pairs = [
