@@ -38,6 +38,10 @@ def test_numbers_are_never_truncated_on_narrow_terminal(columns, monkeypatch, ca
     assert max(map(len, said.splitlines())) <= (columns or 140) or columns == 20
 
 
+def test_names_with_spaces_are_quoted_in_suggested_commands():
+    assert [output.quote(name) for name in ("board", Path("my board"))] == ["board", "'my board'"]
+
+
 def test_title_is_not_wrapped_at_the_width_of_a_narrow_table(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setenv("NO_COLOR", "1")

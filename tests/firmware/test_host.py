@@ -348,5 +348,6 @@ def test_lockstep_stamps_follow_the_peer_when_board_time_is_faster(written, tmp_
         host.run(1, host.pack("HEARTBEAT", type=6))
         host.now += 60_000 * MS
         host.run(1)
-    assert host.counts()["accepted"] == 5 and host.counts()["stale"] == 0
+    assert host.counts()["accepted"] == 5
+    assert host.counts()["stale"] == 0
     assert host.peer.counts.refusals == 0

@@ -14,7 +14,7 @@ from click.core import ParameterSource
 
 from trimtab.commands.export_web import write_web_flight
 from trimtab.commands.options import FILE, JSON, NAVIGATION, OUT, SET, WITHOUT
-from trimtab.commands.output import check_folder, check_out, print_json
+from trimtab.commands.output import check_folder, check_out, print_json, quote
 from trimtab.commands.written_files import note_written, place_files
 from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
@@ -288,7 +288,7 @@ def _export_function(
 
 
 def _print_files(files: Sequence[Any], out: Path) -> None:
-    click.echo(f"wrote {len(files)} files in {out}      check the files: trimtab export --verify {out}")
+    click.echo(f"wrote {len(files)} files in {out}      check the files: trimtab export --verify {quote(out)}")
 
 
 def _fly_on_board(folder: Path, target: str) -> tuple[dict[str, Any], bool]:

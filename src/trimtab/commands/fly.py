@@ -36,7 +36,7 @@ from trimtab.commands.options import (
     SET,
     UNSIGNED,
 )
-from trimtab.commands.output import new_log, new_table, print_json, print_log_size, print_table
+from trimtab.commands.output import new_log, new_table, print_json, print_log_size, print_table, quote
 from trimtab.commands.progress import show_spinner
 from trimtab.console.address import ConsoleAddress
 from trimtab.console.hello import describe_flight
@@ -153,7 +153,7 @@ def command(
     with open_line(link, listen=False) as line:
         endpoint = endpoint_factory(link, AUTOPILOT, signing_key, clock)
         if lockstep:
-            result = _fly_lockstep(built, line, endpoint, seed, log, other=f"trimtab vehicle {scenario}")
+            result = _fly_lockstep(built, line, endpoint, seed, log, other=f"trimtab vehicle {quote(scenario)}")
             if not as_json:
                 click.echo(f"flew {to_seconds(built.duration):g} s of {built.name} in lockstep")
                 _print_verdict(result)

@@ -4,6 +4,7 @@ import contextlib
 import json
 import math
 import os
+import shlex
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -65,6 +66,11 @@ def _to_json(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_to_json(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def quote(word: str | Path) -> str:
+    """Return a file or a name as the user types it in a shell, e.g. with quotes around a name with a space."""
+    return shlex.quote(str(word))
 
 
 def print_files(files: Iterable[str | Path]) -> None:
