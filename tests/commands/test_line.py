@@ -86,6 +86,8 @@ def test_rejects_key_combined_with_unsigned(keys):
         ("my_boat.py:scenario", "my_boat"),
         ("boats/my_boat.py:scenario", "my_boat"),
         ("/home/me/boats/my_boat.py:scenario", "my_boat"),
+        ("mein größtes Boot.py:scenario", "mein-gr--tes-Boot"),
+        ("_.py:scenario", "vehicle"),
     ],
 )
 def test_each_vehicle_has_one_key(scenario, vehicle, keys):

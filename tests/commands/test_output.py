@@ -39,6 +39,20 @@ def test_numbers_are_never_truncated_on_narrow_terminal(columns, monkeypatch, ca
     assert max(map(len, said.splitlines())) <= (columns or 140) or columns == 20
 
 
+def test_names_with_spaces_are_quoted_in_suggested_commands():
+    assert [output.quote(name) for name in ("board", Path("my board"))] == ["board", "'my board'"]
+
+
+def test_title_is_not_wrapped_at_the_width_of_a_narrow_table(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("NO_COLOR", "1")
+    title = "my_boat.py:scenario [1], 20 runs from seed 0: rms over the second half"
+    table = output.new_table("a", ">b", title=title)
+    table.add_row("1", "2")
+    output.print_table(table)
+    assert capsys.readouterr().out.splitlines()[0] == title
+
+
 @pytest.mark.parametrize("columns", ["60", "80"])
 def test_narrow_terminal_shows_same_numbers_as_wide_one(columns, monkeypatch):
     words = ["run", REST, "--duration", "1", "--no-ideal"]

@@ -34,6 +34,8 @@ WRITES = {
     "design's proof": (("design", "hypersonic", "--export-coq", "mine.v"), "mine.v"),
     "plan": (("plan", HALL, "--out", "mine.csv"), "mine.csv"),
     "plan --plot": (("plan", HALL, "--plot", "mine.png"), "mine.png"),
+    "export --fmu": (("export", SPIN, "--fmu", "3", "--out", "mine.fmu"), "mine.fmu"),
+    "export --wasm": (("export", SPIN, "--wasm", "--out", "."), "index.html"),
     "reproduce": (("reproduce", "hovercraft2006", "--report", "."), "index.html"),
     "link-test": (("link-test", "udp://127.0.0.1:9", "--out", "."), "link-test.json"),
     "vehicle": (("vehicle", SPIN, "--listen", "loopback://written-files", "--unsigned", "--out", "."), "vehicle.mcap"),

@@ -4,6 +4,7 @@ import base64
 import ctypes
 import shutil
 import subprocess
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,12 +13,15 @@ from export.conftest import require
 from trimtab import build, simulate
 from trimtab.compiler.block import block_text
 from trimtab.compiler.native.compiler import find_compiler
+from trimtab.compiler.structs import Member
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace, with_leaf
 from trimtab.core.time import timetable
 from trimtab.export.verify import EXACT
 from trimtab.export.web_assembly import (
     Slider,
+    _check_slider,
+    _describe_slider,
     delay_slider,
     export_web,
     flight_text,
@@ -167,6 +171,19 @@ def test_rejects_slider_for_a_compiled_delay():
     with pytest.raises(InputError, match="DelayChain") as refused:
         delay_slider(build("hovercraft/zero-velocity"), 0.3)
     assert 'settings={"links": "measured"}' in str(refused.value)
+
+
+def test_slider_changes_one_element_of_a_vector_and_never_the_whole_vector():
+    pulses = "world.actuators.rudder.pulses"
+    block = SimpleNamespace(parameters=[Member(pulses, (3,), "f64", None, pulses), Member("k", (), "f64", None, "k")])
+    values = {pulses: np.array([1.0, 2.0, 3.0]), "k": 1.0}.__getitem__
+    element = Slider("pulse", "", 1.5, 2.5, (f"{pulses}[1]",))
+    _check_slider(element, block, values)
+    assert _describe_slider(element, block)["which"] == [[0, 1, 2]]
+    assert _describe_slider(Slider("k", "", 0.0, 2.0, ("k",)), block)["which"] == [[1, 0, 1]]
+    with pytest.raises(InputError) as refused:
+        _check_slider(Slider("pulse", "", 0.0, 9.0, (pulses,)), block, values)
+    assert f"{pulses}[0]" in refused.value.choices
 
 
 def test_missing_web_tools_are_named(monkeypatch, tmp_path):

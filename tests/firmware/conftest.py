@@ -56,10 +56,12 @@ def fuzzer(written, tmp_path_factory):
     return compile_here(written.folder, output, *SANITIZERS, *sources)
 
 
-def load_library(written, folder):
+def load_library(written, folder, *options):
     """The firmware in a folder as a library of this computer."""
     sources = [str(Path(__file__).parent / name) for name in ("host.c", "power.c")]
-    made = ctypes.CDLL(str(compile_here(written.folder, folder / "host.so", "-O1", "-shared", "-fPIC", *sources)))
+    made = ctypes.CDLL(
+        str(compile_here(written.folder, folder / "host.so", "-O1", "-shared", "-fPIC", *options, *sources))
+    )
     made.host_sent.restype = ctypes.c_size_t
     made.host_width.restype = made.host_duty.restype = ctypes.c_uint16
     made.host_kept.restype = ctypes.c_uint64

@@ -337,3 +337,17 @@ def test_rejects_parameter_change_while_armed(host):
     said = set_parameter(host, "reg.kp", 0.5)
     assert parameters(said) == {"reg.kp": pytest.approx(0.08)}
     assert [m.get("text").rstrip("\0") for m in said if m.name == "STATUSTEXT"] == ["parameter refused: armed"]
+
+
+@pytest.mark.thorough
+def test_lockstep_stamps_follow_the_peer_when_board_time_is_faster(written, tmp_path):
+    host = Host(load_library(written, tmp_path, "-DSTAMPS_FOLLOW_PEER"), written.dialect)
+    wall = host.clock()
+    host.peer = host.other(system=1, component=191, clock=lambda: wall)
+    for _ in range(5):  # five minutes of the board's time, while the other end's clock stands still
+        host.run(1, host.pack("HEARTBEAT", type=6))
+        host.now += 60_000 * MS
+        host.run(1)
+    assert host.counts()["accepted"] == 5
+    assert host.counts()["stale"] == 0
+    assert host.peer.counts.refusals == 0

@@ -264,7 +264,7 @@ def test_connect_without_vehicle_suggests_the_vehicle_command(scenario):
     def run(machine):
         flyer = pair.make_autopilot(machine)
         with pytest.raises(InputError, match="no vehicle answers") as refused:
-            flyer.connect(patience=0.1)
+            flyer.connect(start_patience=0.1)
         assert f"trimtab vehicle {scenario.name} --listen" in refused.value.fix
         assert pair.time.seconds == pytest.approx(0.12, abs=0.021)
         flyer.connect(patience=30.0, stop=lambda: True)
@@ -273,6 +273,24 @@ def test_connect_without_vehicle_suggests_the_vehicle_command(scenario):
     pair = VirtualPair(scenario)
     pair.flying = pair.here.start(run)
     pair.run()
+
+
+def test_fly_waits_for_a_vehicle_that_starts_a_minute_later(scenario):
+    pair = VirtualPair(scenario)
+
+    def fly(machine):
+        flyer = pair.make_autopilot(machine)
+        flyer.connect(tell=lambda text: pair.said.append((pair.time.seconds, text)))
+        return pair.time.seconds
+
+    pair.flying = pair.here.start(fly)
+    pair.time.call_at(60.0, lambda: pair.start_vehicle(until=pair.has_autopilot_ended))
+    pair.run()
+    (told, text), *_ = pair.said
+    assert 3.0 < told < 3.1
+    assert text.startswith("no vehicle answers: there is no connection yet; waiting 120 s. ")
+    assert f"To start the vehicle: trimtab vehicle {scenario.name} --listen" in text
+    assert 60.0 < pair.flying.result < 65.0
 
 
 def test_connect_waits_three_times_longer_if_heartbeats_arrive(scenario):

@@ -203,6 +203,16 @@ def test_rejects_a_class_and_a_non_record():
             check_record("law", value)
 
 
+def test_missing_allocation_suggests_direct_allocation():
+    with pytest.raises(InputError, match="must be a record, got None") as refused:
+        check_record("autopilot.allocation", None)
+    assert refused.value.fix == "write DirectAllocation()"
+    fault = describe_fault(TypeError("Autopilot.__init__() missing 1 required positional argument: 'allocation'"))
+    assert fault.fix == "call Autopilot with allocation=DirectAllocation()"
+    fault = describe_fault(TypeError("Boat.__init__() missing 1 required positional argument: 'law'"))
+    assert fault.fix == "call Boat with law=…"
+
+
 MESSAGES = {
     "no sample": (Sample, Point(1.0), "its output is a Point as declared", "new_sample(t, VALUE)"),
     "flag": (Estimate, estimate(valid=1.0), "valid of the Estimate must be True or False", "valid=True"),

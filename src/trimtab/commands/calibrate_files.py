@@ -18,6 +18,7 @@ from trimtab.commands.output import (
     print_files,
     print_json,
     print_table,
+    quote,
     write_text,
 )
 from trimtab.commands.progress import show_spinner
@@ -83,7 +84,9 @@ def finish_calibration(
         click.echo(show_controls(f"note: {note}"))
     print_files(files)
     if out is not None:
-        click.echo(f"calibration {whole.content_hash()[:12]}; to use it: trimtab run SCENARIO --calibration {out}")
+        click.echo(
+            f"calibration {whole.content_hash()[:12]}; to use it: trimtab run SCENARIO --calibration {quote(out)}"
+        )
 
 
 def add_to_file(out: Path | None, calibration: Calibration) -> tuple[Calibration, list[Path]]:

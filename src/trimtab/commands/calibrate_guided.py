@@ -10,7 +10,7 @@ import click
 
 from trimtab.analysis.identify import rudder, spin_up, thrust
 from trimtab.commands.options import FILE
-from trimtab.commands.output import check_folder
+from trimtab.commands.output import check_folder, quote
 from trimtab.core.errors import InputError
 from trimtab.core.units import UNITS
 from trimtab.core.user_file import read_user_text
@@ -119,13 +119,14 @@ def measure(procedure: str, file: Path) -> None:
             lines = lines[:-1]
         elif values == "q":
             click.echo(
-                f"saved {len(lines)} of {len(guide.plan)}; continue with: trimtab calibrate measure {procedure} {file}"
+                f"saved {len(lines)} of {len(guide.plan)}; continue with: "
+                f"trimtab calibrate measure {procedure} {quote(file)}"
             )
             return
         else:
             lines = [*lines, values]
         file.write_text("\n".join([heading, *lines]) + "\n", encoding="utf-8")
-    click.echo(f"all {len(lines)} measured; now: trimtab calibrate {procedure} {file} --out boat.toml")
+    click.echo(f"all {len(lines)} measured; now: trimtab calibrate {procedure} {quote(file)} --out boat.toml")
 
 
 def _read_lines(file: Path, heading: str, columns: Sequence[MeasuredColumn]) -> list[str]:

@@ -23,7 +23,7 @@ from trimtab.analysis.identify.inertial_noise import AXES, TRIADS, noise_calibra
 from trimtab.commands.calibrate_files import add_to_file, check_calibration_file, entries_json, print_entries
 from trimtab.commands.foreign_logs import read_own_log
 from trimtab.commands.options import FILE, JSON, OUT, PLOT
-from trimtab.commands.output import check_picture, draw_plot, new_table, print_files, print_json, print_table
+from trimtab.commands.output import check_picture, draw_plot, new_table, print_files, print_json, print_table, quote
 from trimtab.core.control_characters import show_controls
 from trimtab.core.errors import InputError
 from trimtab.core.suggestions import closest
@@ -132,7 +132,9 @@ def calibrate_noise(
         click.echo(show_controls(f"note: {note}"))
     print_files(files)
     if out is not None:
-        click.echo(f"calibration {whole.content_hash()[:12]}; to use it: trimtab run SCENARIO --calibration {out}")
+        click.echo(
+            f"calibration {whole.content_hash()[:12]}; to use it: trimtab run SCENARIO --calibration {quote(out)}"
+        )
 
 
 def _calibrate_units(

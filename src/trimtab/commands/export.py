@@ -14,8 +14,8 @@ from click.core import ParameterSource
 
 from trimtab.commands.export_web import write_web_flight
 from trimtab.commands.options import FILE, JSON, NAVIGATION, OUT, SET, WITHOUT
-from trimtab.commands.output import check_folder, print_json
-from trimtab.commands.written_files import place_files
+from trimtab.commands.output import check_folder, check_out, print_json, quote
+from trimtab.commands.written_files import note_written, place_files
 from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
 from trimtab.export.verify import compare_samples, verify_folder
@@ -106,15 +106,15 @@ def command(
     if scenario is None:
         fix = "trimtab export hovercraft/zero-velocity --out DIR"
         raise InputError("export", "the argument SCENARIO is missing", fix=fix)
+    if web or sliders:
+        write_web_flight(scenario, out, sliders, as_json, **options)
+        return
     if fmu is not None:
         _write_fmu(scenario, int(fmu), out, as_json, target, fly, **options)
         return
     if options["part"] == "vehicle":
         problem = "a vehicle can only be written as an FMU; as C, only autopilot or loop can be written"
         raise InputError("export --part vehicle", problem, fix="--fmu 3 --out vehicle.fmu")
-    if web or sliders:
-        write_web_flight(scenario, out, sliders, as_json, **options)
-        return
     if fly and target not in BOARDS:
         problem = f"--fly needs a microcontroller board as target, got {target!r}"
         raise InputError("export", problem, choices=BOARDS, fix="--target cortex-m7 --fly")
@@ -172,9 +172,13 @@ def _write_fmu(
     if find_function(scenario) is not None:
         fix = "trimtab export hovercraft/spin --fmu 3 --out autopilot.fmu"
         raise InputError("export --fmu", "an FMU is a part of a scenario, not a function", fix=fix)
+    if out.suffix != ".fmu":
+        raise InputError("--out", f"the name of an FMU must end in .fmu, got {str(out)!r}", fix=f"--out {out}.fmu")
+    check_out("--out", out, f"{part}.fmu")
     built = build(scenario, settings, without)
     enable_cache()
     written = export_fmu(built, out, version=version, part=part, real=real or "double", seed=seed)
+    note_written([out])
     kinds = [v.role for v in written.variables]
     result = {
         "scenario": scenario,
@@ -194,11 +198,8 @@ def _write_fmu(
         f"{scenario}: {part} as an FMU by FMI {version}.0, {result['parameters']} parameters, "
         f"{result['inputs']} inputs, {result['outputs']} outputs"
     )
-    kept = (
-        f"with a binary for {written.platform}"
-        if written.platform
-        else "as source code, because no C compiler was found"
-    )
+    binary, source = f"with a binary for {written.platform}", "as source code, because no C compiler was found"
+    kept = binary if written.platform else source
     click.echo(f"wrote {out}, {result['bytes']} bytes, {kept}")
 
 
@@ -287,7 +288,7 @@ def _export_function(
 
 
 def _print_files(files: Sequence[Any], out: Path) -> None:
-    click.echo(f"wrote {len(files)} files in {out}      check the files: trimtab export --verify {out}")
+    click.echo(f"wrote {len(files)} files in {out}      check the files: trimtab export --verify {quote(out)}")
 
 
 def _fly_on_board(folder: Path, target: str) -> tuple[dict[str, Any], bool]:

@@ -8,16 +8,17 @@ import click
 import numpy as np
 from click.core import ParameterSource
 
-from trimtab.commands.output import print_json
+from trimtab.commands.output import check_folder, print_json
+from trimtab.commands.written_files import check_new_in, note_written
 from trimtab.core.cache_folder import enable_cache
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument_name
 
 if TYPE_CHECKING:
     from trimtab.export.web_assembly import Slider
     from trimtab.loop.scenario import Scenario
 
 EXAMPLE = "--slider delay=0:0.3"
-OTHERS = ("target", "real", "part", "steps", "fly")
+OTHERS = ("target", "real", "part", "steps", "fly", "fmu")
 """Options of `trimtab export` that cannot be combined with --wasm."""
 
 
@@ -39,6 +40,8 @@ def write_web_flight(
     _refuse_other_choices()
     if out is None:
         raise InputError("export --wasm", "--out DIR is missing", fix="--out page")
+    check_folder("--out", out)
+    check_new_in("--out", out, "index.html", "loop.wasm", "loop.json")
     built = build(scenario, settings, without)
     enable_cache()
     made = []
@@ -47,6 +50,7 @@ def write_web_flight(
         made.append(slider)
     flight = export_web(built, tuple(made), seed=seed)
     files = write_web_page(flight, out)
+    note_written(files)
     result = {
         "scenario": scenario,
         "program_bytes": len(flight.program),
@@ -70,7 +74,7 @@ def _refuse_other_choices() -> None:
     for name in OTHERS:
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE and context.params[name] != "loop":
             option = next(p.opts[0] for p in context.command.params if p.name == name)
-            problem = f"a page simulates the closed loop in double precision; {option} applies to C"
+            problem = f"a page simulates the closed loop in double precision; {option} applies to other exports"
             raise InputError("export --wasm", problem, fix=f"leave {option} out")
 
 
@@ -84,8 +88,12 @@ def _parse_slider(scenario: "Scenario", text: str) -> "tuple[Scenario, Slider]":
         low, high = (float(end) for end in span.split(":"))
     except ValueError:
         low = high = np.nan
-    if not equals or not low < high:
-        raise InputError("--slider", f"{text!r} is not of the form NAME=LOW:HIGH", fix=EXAMPLE)
+    if equals and low >= high:
+        problem = f"the lower end must be below the upper end, got {low:g} and {high:g}"
+        raise InputError(argument_name("slider", name), problem, fix=f"--slider {name}=LOW:HIGH")
+    if not equals or not -np.inf < low < high < np.inf:
+        fix = f"--slider {name or 'delay'}=LOW:HIGH, with two numbers, e.g. {EXAMPLE}"
+        raise InputError("--slider", f"{text!r} is not of the form NAME=LOW:HIGH", fix=fix)
     link, _, kind = name.rpartition("-")
     if kind == "delay" and link in ("", "uplink", "downlink"):
         if low != 0:
@@ -94,6 +102,6 @@ def _parse_slider(scenario: "Scenario", text: str) -> "tuple[Scenario, Slider]":
             )
         return delay_slider(scenario, high, link or "uplink")
     path = f"world.{link or 'uplink'}.loss" if kind == "loss" and link in ("", "uplink", "downlink") else name
-    declared = next((d for where, _, d in leaves(scenario) if where == path), None)
+    declared = next((d for where, _, d in leaves(scenario) if where == path.partition("[")[0]), None)
     unit = getattr(declared, "unit", "")
     return scenario, Slider(name, "" if unit == "1" else unit, low, high, (path,))

@@ -10,7 +10,7 @@ import click
 
 from trimtab.commands.line import find_key
 from trimtab.commands.options import JSON, KEY, LOCKSTEP, NAVIGATION, OUT, SCENARIO, SEED, SET
-from trimtab.commands.output import check_folder, print_json
+from trimtab.commands.output import check_folder, print_json, quote
 from trimtab.commands.written_files import place_files
 from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
@@ -81,7 +81,8 @@ def command(
         click.echo(f"wrote {len(files)} files in {out}, with the vehicle's key in key.bin")
         click.echo("\n".join(written.outputs))
         run, fly = (" LOCKSTEP=1", " --lockstep") if lockstep else ("", "")
-        click.echo(f"build and run them: make -C {out} run{run}      fly: trimtab fly {scenario} --link {line}{fly}")
+        fly = f"trimtab fly {quote(scenario)} --link {line}{fly}"
+        click.echo(f"build and run them: make -C {quote(out)} run{run}      fly: {fly}")
     if emulate is not None and not _run_emulator(out, emulate, lockstep):
         sys.exit(1)
 

@@ -36,7 +36,7 @@ from trimtab.commands.options import (
     SET,
     UNSIGNED,
 )
-from trimtab.commands.output import new_log, new_table, print_json, print_log_size, print_table
+from trimtab.commands.output import new_log, new_table, print_json, print_log_size, print_table, quote
 from trimtab.commands.progress import show_spinner
 from trimtab.console.address import ConsoleAddress
 from trimtab.console.hello import describe_flight
@@ -153,7 +153,7 @@ def command(
     with open_line(link, listen=False) as line:
         endpoint = endpoint_factory(link, AUTOPILOT, signing_key, clock)
         if lockstep:
-            result = _fly_lockstep(built, line, endpoint, seed, log, other=f"trimtab vehicle {scenario}")
+            result = _fly_lockstep(built, line, endpoint, seed, log, other=f"trimtab vehicle {quote(scenario)}")
             if not as_json:
                 click.echo(f"flew {to_seconds(built.duration):g} s of {built.name} in lockstep")
                 _print_verdict(result)
@@ -189,7 +189,8 @@ def _fly_lockstep(
     try:
         written = autopilot.run(line, log)
     except NoAnswerError as error:
-        raise InputError("--lockstep", str(error), fix=f"{other} --lockstep --listen …") from None
+        fix = f"start the other end again: {other} --lockstep --listen …, or, for firmware, make -C DIR run LOCKSTEP=1"
+        raise InputError("--lockstep", str(error), fix=fix) from None
     is_whole = log is None or (written is not None and not written.dropped and not written.unwritten)
     problems = [] if is_whole else ["the log lacks rows"]
     log_facts = None if written is None else written._asdict()

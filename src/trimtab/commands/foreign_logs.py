@@ -7,7 +7,7 @@ from typing import Any
 import click
 import jax
 
-from trimtab.commands.output import new_table, print_table
+from trimtab.commands.output import new_table, print_table, quote
 from trimtab.core.control_characters import show_controls
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity, leaves
@@ -61,7 +61,7 @@ def read_any_log(file: Path, mapping: Path | None, *, quiet: bool = False) -> Lo
     kind, topics = detect_format(file).name, list_topics(file)
     if not quiet:
         _print_topics(f"{file.name}: {kind}", topics)
-    fix = f"write a mapping (docs, Foreign logs), then  trimtab replay {file} --map MAP.toml --scenario SCENARIO"
+    fix = f"write a mapping (docs, Foreign logs), then  trimtab replay {quote(file)} --map MAP.toml --scenario SCENARIO"
     names = [topic.name for topic in topics]
     raise InputError(
         f"log file '{file}'", f"is a log of another system: {kind}", choices=names if quiet else (), fix=fix
@@ -69,7 +69,7 @@ def read_any_log(file: Path, mapping: Path | None, *, quiet: bool = False) -> Lo
 
 
 def _print_topics(title: str, topics: list[TopicSummary]) -> None:
-    table = new_table("topic", ">rows", ">Hz", "fields", title=title.replace("[", r"\["), unwrapped=("topic",))
+    table = new_table("topic", ">rows", ">Hz", "fields", title=title, unwrapped=("topic",))
     for topic in topics:
         more = len(topic.fields) - FIELDS_SHOWN
         fields = " ".join(topic.fields[:FIELDS_SHOWN]) + (f" and {more} more" if more > 0 else "")

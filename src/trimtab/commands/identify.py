@@ -11,7 +11,7 @@ from trimtab.analysis.identify.identification import HORIZON, Identified, identi
 from trimtab.commands.calibrate_files import add_to_file, check_calibration_file
 from trimtab.commands.foreign_logs import read_mapped_log, read_own_log
 from trimtab.commands.options import FILE, JSON, MAP, NAVIGATION, OUT, SCENARIO, SET
-from trimtab.commands.output import new_table, print_files, print_json, print_table
+from trimtab.commands.output import new_table, print_files, print_json, print_table, quote
 from trimtab.commands.progress import show_spinner
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import records
@@ -111,7 +111,7 @@ def _read(file: Path, name: str, scenario: Scenario, sensor: str | None, mapping
         detect_format(file)  # raises InputError for an unknown format
     own = is_own_log(file)
     if not own and mapping is None:
-        fix = f"--map MAP.toml, to map the log's columns to signals; list the columns with  trimtab replay {file}"
+        fix = f"--map MAP.toml, to map the log's columns to signals; list the columns: trimtab replay {quote(file)}"
         raise InputError(f"log '{file}'", "is a log of another system", fix=fix)
     log = read_own_log(file) if own or mapping is None else read_mapped_log(file, mapping)
     return read_flight(log, scenario, sensor, name)
@@ -209,7 +209,9 @@ def _print_found(scenario: str, found: Identified, changes: dict[str, float]) ->
     for p, value, interval in zip(found.parameters, found.values, intervals, strict=True):
         ends = " … ".join(f"{end:.6g}" for end in interval)
         shown = "not identifiable" if p.path in unidentifiable else ends
-        table.add_row(p.path.replace("[", r"\["), f"{p.start:.6g}", f"{value:.6g}", shown, p.unit)
+        table.add_row(
+            p.path.replace("[", r"\["), f"{p.start:.6g}", f"{value:.6g}", shown, "" if p.unit == "1" else p.unit
+        )
     print_table(table)
     for group in found.groups:
         if len(group) > 1:

@@ -2,6 +2,7 @@
 
 import contextlib
 import ipaddress
+import re
 import shlex
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -60,11 +61,14 @@ def transfer_rate(uri: str) -> float:
 
 
 def vehicle_name(scenario: str) -> str:
-    """Return the name of the vehicle's signing key: the scenario's catalogue folder, or a file or module name."""
+    """Return the name of the vehicle's signing key: the scenario's catalogue folder, or a file or module name.
+
+    A character of a file's name that a key's name must not contain, such as a space, is replaced by '-'.
+    """
     where, own, _ = scenario.partition(":")
-    if where.endswith(".fmu"):
-        return Path(where).stem
-    return Path(where).stem if own and where.endswith(".py") else where.partition("/")[0]
+    if where.endswith(".fmu") or (own and where.endswith(".py")):
+        return re.sub(r"[^A-Za-z0-9_.-]", "-", Path(where).stem)[:64].lstrip("-._") or "vehicle"
+    return where.partition("/")[0]
 
 
 def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, create: bool) -> SigningKey | None:

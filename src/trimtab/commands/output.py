@@ -4,6 +4,7 @@ import contextlib
 import json
 import math
 import os
+import shlex
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -67,6 +68,11 @@ def _to_json(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def quote(word: str | Path) -> str:
+    """Return a file or a name as the user types it in a shell, e.g. with quotes around a name with a space."""
+    return shlex.quote(str(word))
+
+
 def print_files(files: Iterable[str | Path]) -> None:
     """Print the paths of the written files, and record that trimtab wrote them."""
     files = list(files)
@@ -112,14 +118,15 @@ def print_table(table: "Table") -> None:
     from rich.text import Text
 
     screen = console()
+    if table.title:  # the table would wrap the title at the table's width, which may be much narrower than the terminal
+        screen.print(Text(str(table.title), style="table.title"))
+        table.title = None
     for column in table.columns:
         vars(column)["_cells"] = [show_controls(cell) if isinstance(cell, str) else cell for cell in column.cells]
     rows = list(zip(*(column.cells for column in table.columns), strict=True))
     if not rows or _fit_columns(table, screen):
         screen.print(table)
         return
-    if table.title:
-        click.echo(str(table.title))
     for row in rows:
         words = [Text.from_markup(str(cell)).plain.strip() for cell in row]
         pairs = [

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from trimtab.commands.options import FILE, JSON, OUT, PLOT
-from trimtab.commands.output import check_out, check_picture, draw_plot, print_files, print_json
+from trimtab.commands.output import check_out, check_picture, draw_plot, print_files, print_json, quote
 from trimtab.commands.progress import show_spinner
 from trimtab.core.cache_folder import enable_cache
 
@@ -77,4 +77,4 @@ def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_j
             if task.heading is None
             else "".join(f" --set initial.{name}={flown[name][0]:.6g}" for name in ("heading", "north", "east"))
         )
-        click.echo(f"fly it:  trimtab run hovercraft/track --reference {out} --set law=horizon{start}")
+        click.echo(f"fly it:  trimtab run hovercraft/track --reference {quote(out)} --set law=horizon{start}")

@@ -6,7 +6,7 @@ import click
 
 from trimtab.commands.foreign_logs import read_any_log
 from trimtab.commands.options import ANIMATE, FILE, JSON, PLOT
-from trimtab.commands.output import check_animation, check_picture, draw_plot, print_files, print_json
+from trimtab.commands.output import check_animation, check_picture, draw_plot, print_files, print_json, quote
 from trimtab.core.control_characters import show_controls
 from trimtab.core.errors import InputError
 from trimtab.core.time import parse_time, to_seconds
@@ -67,4 +67,4 @@ def command(
         return
     print_files(files)
     if not signals:
-        click.echo(f"{len(paths)} signals; to plot some of them: trimtab plot {file} {show_controls(paths[0])}")
+        click.echo(f"{len(paths)} signals; to plot some of them: trimtab plot {quote(file)} {show_controls(paths[0])}")

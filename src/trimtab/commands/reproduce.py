@@ -190,7 +190,7 @@ def _print_groups(study: str, results: GroupRows) -> None:
 def _print_rows(title: str, rows: list[Row]) -> None:
     """Print rows of a study: publication's value, computed value, and a reason for each row that does not hold."""
     headings = ("figure", ">printed", ">computed", "accepted", "unit", "verdict", "where")
-    table = new_table(*headings, title=title.replace("[", r"\["), unwrapped=("verdict",))
+    table = new_table(*headings, title=title, unwrapped=("verdict",))
     styles = {"differs": "bold red", "not reproduced": "yellow"}
     for row in rows:
         printed = format_value(row.printed) + ("" if row.basis in ("printed", "text") else " *")

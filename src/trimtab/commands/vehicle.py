@@ -35,7 +35,7 @@ from trimtab.commands.options import (
     SET,
     UNSIGNED,
 )
-from trimtab.commands.output import new_log, print_json, print_log_size
+from trimtab.commands.output import new_log, print_json, print_log_size, quote
 from trimtab.commands.progress import show_spinner
 from trimtab.core.cache_folder import enable_cache
 from trimtab.core.control_characters import KEPT, show_controls
@@ -162,7 +162,7 @@ def command(
         endpoint = endpoint_factory(line_uri, VEHICLE, signing_key, clock)
         if lockstep:
             built = built if limit is None else replace(built, duration=limit)
-            _lead_lockstep(built, line, endpoint, seed, log, tell, f"trimtab fly {scenario} --lockstep --link …")
+            _lead_lockstep(built, line, endpoint, seed, log, tell, f"trimtab fly {quote(scenario)} --lockstep --link …")
             release_time, end, service_facts = 0, built.duration, {}
         else:
             store = ParameterStore(parameters, scenario, setting_path)

@@ -142,7 +142,8 @@ def _parse_text(owner: str, name: str, text: str, declared: Declaration) -> Any:
     try:
         return parse_amount(f"{owner}.{name}", text, declared.unit)
     except InputError as error:
-        fix = f'{name}="{error.fix}"' if error.choices else f'{name}="1 {declared.unit}"'
+        number = "1.0" if declared.unit == "1" else f'"1 {declared.unit}"'
+        fix = f'{name}="{error.fix}"' if error.choices else f"{name}={number}"
         raise InputError(error.part, error.problem, choices=error.choices, fix=fix) from None
 
 

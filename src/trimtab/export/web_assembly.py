@@ -79,7 +79,9 @@ def delay_slider(scenario: Scenario, high: float, link: str = "uplink") -> tuple
     channel = getattr(scenario.world, link)
     if not isinstance(channel, MeasuredLatency):
         problem = f"the {link} is a {type(channel).__name__}, whose delay a slider cannot change"
-        raise InputError("delay slider", problem, fix=argument("settings", "measured", "links"))
+        linked = argument("settings", "measured", "links")
+        fix = f"use a link of the class MeasuredLatency; in a scenario of the hovercraft: {linked}"
+        raise InputError("delay slider", problem, fix=fix)
     longest = float(np.asarray(channel.latency)[-1]) + high
     slots = max(channel.capacity, required_slots(longest, channel.send_period, channel.period))
     world = replace(scenario.world, **{link: replace(channel, capacity=slots)})
@@ -186,9 +188,11 @@ def _check_names(wanted: tuple[str, ...], names: list[str], what: str) -> None:
 def _check_slider(slider: Slider, block: BlockText, own: Callable[[str], Any]) -> None:
     """Raise InputError if a slider changes an unknown parameter, or if the range of a slider does not include the
     slider's start value."""
-    quantities = [m.name for m in block.parameters if m.dtype == "f64"]
-    _check_names(slider.paths, quantities, "quantity")
-    begin = 0.0 if slider.adds else float(np.ravel(own(slider.paths[0]))[0])
+    quantities = [m for m in block.parameters if m.dtype == "f64"]
+    names = [m.name for m in quantities] if slider.adds else [n for m in quantities for n in _elements(m)]
+    _check_names(slider.paths, names, "quantity")
+    which, first, _ = _find_elements(block, slider.paths[0])
+    begin = 0.0 if slider.adds else float(np.ravel(own(block.parameters[which].name))[first])
     if not slider.low <= begin <= slider.high or slider.low == slider.high:
         problem = f"the range {slider.low:g} to {slider.high:g} must include the start value {begin:g}"
         raise InputError(
@@ -200,9 +204,24 @@ def _find(block: BlockText, path: str) -> int:
     return [m.name for m in block.parameters].index(path)
 
 
+def _elements(m: Member) -> list[str]:
+    """Return the path of each element of a parameter."""
+    return [m.name] if not m.shape else [f"{m.name}[{k}]" for k in range(m.size)]
+
+
+def _find_elements(block: BlockText, path: str) -> list[int]:
+    """Return the index of a parameter, and the range of its elements that a path names."""
+    for which, m in enumerate(block.parameters):
+        if path == m.name:
+            return [which, 0, m.size]
+        if path in _elements(m):
+            k = _elements(m).index(path)
+            return [which, k, k + 1]
+    raise KeyError(path)
+
+
 def _describe_slider(slider: Slider, block: BlockText) -> dict[str, Any]:
-    which = [[_find(block, path), block.parameters[_find(block, path)].size] for path in slider.paths]
-    return slider._asdict() | {"which": which}
+    return slider._asdict() | {"which": [_find_elements(block, path) for path in slider.paths]}
 
 
 def _describe_signal(path: str, block: BlockText, scenario: Scenario) -> dict[str, Any]:

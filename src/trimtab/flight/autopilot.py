@@ -16,6 +16,7 @@ from trimtab.flight.console_line import ConsoleLine
 from trimtab.flight.control_loop import ControlLoop
 from trimtab.flight.flight_log import FlightRecorder, close_flight_log, list_log_problems, open_flight_log
 from trimtab.flight.flight_signals import FLIGHT_SIGNALS, LiveFlightSummary
+from trimtab.flight.lockstep import START_PATIENCE
 from trimtab.flight.machine import SYSTEM_MACHINE, Machine, list_stamp_problems
 from trimtab.flight.mavlink.dialect import Dialect
 from trimtab.flight.mavlink.endpoint import Endpoint
@@ -30,6 +31,8 @@ OVERRUN_POLICIES = (COUNT, HALT)
 """Policies for an overrun, that is, for a period whose work ends after the next deadline."""
 PATIENCE_FACTOR = 3
 """Factor by which the longest wait for a vehicle is multiplied once a frame from the vehicle has been accepted."""
+NOTICE_TIME = 3.0
+"""Time (s) without any data from the vehicle after which `fly` prints what it waits for."""
 DISARM_TIMEOUT = seconds("0.5")
 """Longest time to wait for the answer to a disarm request (100 ns)."""
 
@@ -68,28 +71,36 @@ class LiveAutopilot:
         patience: float = 10.0,
         stop: Callable[[], bool] = lambda: False,
         *,
+        start_patience: float = START_PATIENCE,
         follows_clock: bool = False,
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Wait until the vehicle answers and the offset of its clock is known. Raise InputError after `patience`
-        seconds.
+        """Wait until the vehicle answers and the offset of its clock is known. Raise InputError if it does not answer.
 
-        Once a frame has been accepted, wait three times as long, because the link may lose most heartbeats.
+        patience: longest wait (s) after the first packet. Once a frame has been accepted, wait three times as long,
+        because the link may lose most heartbeats.
+        start_patience: longest wait (s) for the first packet. The vehicle's program may still be compiling.
         follows_clock: True to sign packets with the vehicle's time if this computer's clock differs too much from the
         vehicle's clock.
         tell: function that receives the messages for the user. It must not block.
         """
-        clock, remote = self._machine.clock, self.remote
+        clock, remote, name = self._machine.clock, self.remote, self.scenario.name
         self.parts.reporter.begin(None, tell)
-        began = clock.monotonic_ns()
+        began, longest, is_silent, is_told = clock.monotonic_ns(), start_patience, True, False
         while not remote.is_ready and not stop():
             now = clock.monotonic_ns()
-            waits = patience * (PATIENCE_FACTOR if self.endpoint.counts.accepted else 1)
+            if is_silent and self.link.statistics.packets_in:
+                began, is_silent = now, False
+            if not is_silent:
+                longest = patience * (PATIENCE_FACTOR if self.endpoint.counts.accepted else 1)
             if remote.clock.untimely is not None and follows_clock:
                 remote.clock.follow()
-            if now - began > waits * 1e9 or remote.comparison.misfit or remote.clock.untimely is not None:
-                problem = remote.find_problem(self.scenario.name)
+            if now - began > longest * 1e9 or remote.comparison.misfit or remote.clock.untimely is not None:
+                problem = remote.find_problem(name)
                 raise InputError(argument_name("link"), problem.problem, fix=problem.fix)
+            if is_silent and not is_told and now - began > NOTICE_TIME * 1e9:
+                problem, is_told = remote.find_problem(name), True
+                tell(f"{problem.problem} yet; waiting {start_patience:g} s. To start the vehicle: {problem.fix}")
             remote.due(now // NS)
             self._receive()
 

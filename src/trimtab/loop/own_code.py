@@ -50,6 +50,18 @@ REPLACEMENTS = (
 """Typical faults in a source line: pattern of the line, description of the problem, and code to write instead."""
 IMPORTS = {"jnp": "import jax.numpy as jnp", "np": "import numpy as np", "jax": "import jax", "math": "import math"}
 """Name that users often forget to import -> line that imports it."""
+PARTS = {
+    "vehicle": "MyVehicle()",
+    "sensors": '{"NAME": MySensor()}',
+    "actuators": "ActuatorBank(MyInput(), {})",
+    "downlink": "Wire()",
+    "uplink": "Wire()",
+    "estimator": 'Passthrough("SENSOR")',
+    "law": "MyLaw()",
+    "allocation": "DirectAllocation()",
+    "initial": "MyState()",
+}
+"""Name of a part that a World, an Autopilot or a Scenario must have -> example in a user's file."""
 
 
 REMEDIES = {
@@ -204,7 +216,8 @@ def _describe_arguments(text: str, frame: FrameType | None) -> str:
     owner = {**frame.f_globals, **frame.f_locals}.get(match[1]) if frame else None
     names = re.findall(r"'(\w+)'", match[2])
     if "missing" in text or not dataclasses.is_dataclass(owner):
-        return f"call {match[1]} with " + ", ".join(f"{name}=…" for name in names)
+        examples = PARTS if match[1] in ("World", "Autopilot", "Scenario") else {}
+        return f"call {match[1]} with " + ", ".join(f"{name}={examples.get(name, '…')}" for name in names)
     near = closest(names[0], declarations(owner), 1)
     return f"write {near[0]}=… instead" if near else f"leave {names[0]} out, or declare it in {match[1]}"
 

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from trimtab.actuators.allocation import DirectActuation, DirectAllocation
-from trimtab.core.errors import InputError, argument
+from trimtab.core.errors import InputError, argument, command
 from trimtab.core.html_table import html_table
 from trimtab.core.imperfections import imperfections as find_imperfections
 from trimtab.core.imperfections import without
@@ -30,6 +30,7 @@ from trimtab.loop.walk import start
 from trimtab.loop.world import World
 from trimtab.sensors.flight_state import TrueState
 from trimtab.sensors.navigation_errors import PlanarNavigation
+from trimtab.sensors.planar_pose import PlanarPose, PlanarPoseState
 from trimtab.vehicles.vehicle_type import mav_type
 
 LINKS = ("uplink", "downlink")
@@ -106,8 +107,10 @@ class Scenario(Generic[V]):
 
         The law reads the true state, and its demand acts directly on the vehicle, without delay and limits. If the
         demand and the vehicle's input are records of different classes, allocation and actuators are kept, but without
-        imperfections. If the default truth sensor lacks fields that the law reads, but the vehicle's state has them,
-        the law reads the state. A pilot's stick and an observer are not changed.
+        imperfections. If the default truth sensor lacks fields that the law reads, the law reads the vehicle's state or
+        a planar pose, whichever has these fields. A pilot's stick and an observer are not changed.
+
+        Raises: InputError if the truth sensor does not measure a signal that the law reads.
         """
         neutral = self.world.actuators.neutral().u
         tick = self.autopilot.period
@@ -133,7 +136,23 @@ class Scenario(Generic[V]):
             monitor=None,
         )
         choices = {**self.choices, "ideal": True} if self.choices else ()
-        return replace(self, world=world, autopilot=autopilot, choices=choices)
+        twin = replace(self, world=world, autopilot=autopilot, choices=choices)
+        twin._check_truth_sensor()
+        return twin
+
+    def _check_truth_sensor(self) -> None:
+        """Raise InputError if the truth sensor of this ideal twin does not measure a signal that the law reads."""
+        try:
+            self._demand_structure()
+        except InputError as error:
+            if error.part != "autopilot.law":
+                raise
+            law, sensor = (type(part).__name__ for part in (self.autopilot.law, self.world.sensors["truth"]))
+            lacking = " and ".join(repr(name) for name in self.autopilot.law.reads if name not in error.choices)
+            problem = f"in the ideal twin, {law} reads {lacking}, which the sensor {sensor} does not measure"
+            sensor_fix = "write Scenario(…, truth_sensor=…) with a sensor that measures this without error"
+            fix = f"{sensor_fix}, or fly without the ideal twin: {command('--no-ideal', 'simulate(scenario)')}"
+            raise InputError("truth_sensor", problem, choices=error.choices, fix=fix) from None
 
     def _without_its_own(self, one: Any) -> Any:
         """Return a part without its imperfections.
@@ -147,19 +166,18 @@ class Scenario(Generic[V]):
     def _demand_structure(self) -> Any:
         """Return the structure (shapes and data types) of the law's demand, without computing a demand."""
         key = Key(np.uint32(0), np.uint32(0))
-        free = replace(self.autopilot, supervisor=None)
-        _, state = jax.eval_shape(lambda: start(self.world, free, to_arrays(self.initial), key))
+        free = to_arrays(replace(self.autopilot, supervisor=None))
+        _, state = jax.eval_shape(lambda: start(to_arrays(self.world), free, to_arrays(self.initial), key))
         return state.output.demand
 
     def _twin_sensor(self) -> Any:
-        lacking = set(self.autopilot.law.reads) - set(declarations(PlanarState))
-        if (
-            isinstance(self.truth_sensor, PlanarNavigation)
-            and lacking
-            and lacking <= {name for name, _, _ in children(self.initial)}
-        ):
+        """Return the truth sensor or, if the default lacks fields that the law reads, a sensor that measures them."""
+        needed = set(self.autopilot.law.reads)
+        if not isinstance(self.truth_sensor, PlanarNavigation) or needed <= set(declarations(PlanarState)):
+            return self.truth_sensor
+        if needed <= {name for name, _, _ in children(self.initial)}:
             return TrueState()
-        return self.truth_sensor
+        return PlanarPose() if needed <= set(declarations(PlanarPoseState)) else self.truth_sensor
 
     def imperfections(self) -> dict[str, list[str]]:
         """Return the imperfections that can be switched off: name -> paths of the parts with this imperfection.

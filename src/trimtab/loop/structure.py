@@ -18,7 +18,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.interfaces import optional_member
 from trimtab.core.record import Quantity, Scalar, is_record, leaves
 from trimtab.core.signals import Motion
-from trimtab.loop.own_code import check_arguments, describe_fault, place_of, refuse_own_code, refuse_within
+from trimtab.loop.own_code import PARTS, check_arguments, describe_fault, place_of, refuse_own_code, refuse_within
 
 ARGUMENTS = {
     "step": "t, state, input",
@@ -156,7 +156,8 @@ def check_record(part: str, value: Any) -> None:
     if isinstance(value, type):
         raise InputError(part, f"{kind.__name__} is a class, not a part", fix=f"{kind.__name__}(), with brackets")
     if value is None or kind.__module__.partition(".")[0] in ("builtins", "numpy", "jax", "jaxlib"):
-        fix = "use a record of trimtab or of your own file, with brackets"
+        example = PARTS.get(part.rpartition(".")[2]) if value is None else None
+        fix = f"write {example}" if example else "use a record of trimtab or of your own file, with brackets"
         raise InputError(part, f"must be a record, got {value!r:.60}", fix=fix)
     if jax.tree_util.all_leaves([value]):
         problem = f"{place_of(kind)}{kind.__name__} is not a record"

@@ -101,6 +101,7 @@ def describe_outputs(outputs: list[PulseOutput]) -> list[str]:
     lines = list[str]()
     for k, o in enumerate(outputs):
         values, widths = np.asarray(o.pulse.values), 1e3 * np.asarray(o.pulse.widths)
-        told = f"{values[0]:g} to {values[-1]:g} {o.declared.unit} by {widths[0]:.3f} to {widths[-1]:.3f} ms"
+        unit = "" if o.declared.unit == "1" else f" {o.declared.unit}"
+        told = f"{values[0]:g} to {values[-1]:g}{unit} by {widths[0]:.3f} to {widths[-1]:.3f} ms"
         lines.append(f"output {k + 1}: {o.name}, {told}, safe {1e3 * o.safe:.3f} ms")
     return lines

@@ -114,7 +114,7 @@ def _prepare_loop(scenario: Scenario, direct: bool, off: tuple[str, ...]) -> Sce
         period = world.actuators.period
         world = replace(world, actuators=DirectActuation(neutral_input=neutral, period=period))
         autopilot = replace(autopilot, allocation=DirectAllocation())
-    return replace(scenario, world=world, autopilot=autopilot)
+    return replace(scenario, world=to_arrays(world), autopilot=to_arrays(autopilot))
 
 
 def _without_chance(link: Any) -> Any:

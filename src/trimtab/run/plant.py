@@ -11,6 +11,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError, argument_name
 from trimtab.core.quantity import records
+from trimtab.core.record import to_arrays
 from trimtab.core.suggestions import closest
 from trimtab.design.coordinates import error_model, error_names, flight_names, trim_model
 from trimtab.design.local_flight import LocalFlightState, fly_locally
@@ -18,6 +19,7 @@ from trimtab.design.model import StateSpaceModel, real_leaves
 from trimtab.loop.linear_laws import describe_vehicle
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
+from trimtab.loop.structure import zeros_of
 from trimtab.run.blocks import refuse_stepped_vehicle
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
@@ -103,7 +105,8 @@ def plant_of_vehicle(name: str, vehicle: Any, x: Any, u: Any) -> Plant:
     The states of a flight over the earth are converted to states relative to a local frame.
     """
     about = describe_vehicle(vehicle, x, u)
-    vehicle, x = fly_locally(vehicle, x)
+    vehicle, x = fly_locally(to_arrays(vehicle), x)
+    zeros_of("world.vehicle", "the state and the input", vehicle.dynamics, 0.0, to_arrays(x), to_arrays(u))
     model = trim_model(vehicle, x, u)
     units = _units_by_name(x, model.states) | _units_by_name(u, model.inputs)
     units |= {n: "rad" if d.shape == (4,) else d.unit for path, _, d in real_leaves(x) for n in error_names(x, path)}

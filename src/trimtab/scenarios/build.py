@@ -18,6 +18,7 @@ from trimtab.loop.calibrated import with_calibration
 from trimtab.loop.calibration import Calibration, format_calibration, read_calibration
 from trimtab.loop.fault_text import check_fault_times, inject_faults
 from trimtab.loop.link_latency import LINKS, with_link_settings
+from trimtab.loop.own_code import PARTS
 from trimtab.loop.predictor import predictor_for
 from trimtab.loop.reference_text import plain_text, with_reference
 from trimtab.loop.scenario import Scenario
@@ -42,14 +43,14 @@ SWITCH = {
 }
 """Choices of the setting ``predictor``, with a description of each choice. Every scenario has this setting."""
 NEEDED = {
-    "world.vehicle": ("Hovercraft", "MyVehicle()"),
-    "world.actuators": ("FanDrive", "ActuatorBank(MyInput(), {})"),
-    "autopilot.estimator": ("Passthrough", 'Passthrough("SENSOR")'),
-    "autopilot.law": ("ZeroVelocity", "MyLaw()"),
-    "autopilot.allocation": ("ThrustVectorAllocation", "DirectAllocation()"),
-    "initial": ("HovercraftState", "MyState()"),
+    "world.vehicle": "Hovercraft",
+    "world.actuators": "FanDrive",
+    "autopilot.estimator": "Passthrough",
+    "autopilot.law": "ZeroVelocity",
+    "autopilot.allocation": "ThrustVectorAllocation",
+    "initial": "HovercraftState",
 }
-"""Path of each part that a scenario must have -> example of a class of this part, and example in a user's file."""
+"""Path of each part that a scenario must have -> example of a class of this part."""
 
 
 @explain_call({"settings": 'build("SCENARIO", settings={"PATH": VALUE})'})
@@ -205,12 +206,12 @@ def _refuse_gaps(name: str, scenario: Scenario, settings: Iterable[str]) -> None
         for path in [path for path in settings if path.partition(".")[0] not in known]:
             fix = 'write  base = "hovercraft/spin"  to base the file on a scenario of the catalogue'
             raise InputError(argument_name("settings", path), "unknown setting", choices=["base", *known], fix=fix)
-    for path, (example, own) in NEEDED.items():
+    for path, example in NEEDED.items():
         owner, _, field = path.rpartition(".")
         if getattr(getattr(scenario, owner) if owner else scenario, field) is not None:
             continue
         if ":" in name:
-            fix = f"write {field}={own} in {owner.capitalize() or 'Scenario'}(…)"
+            fix = f"write {field}={PARTS[field]} in {owner.capitalize() or 'Scenario'}(…)"
             raise InputError(f"scenario {name!r}", f"{path} is None", fix=fix)
         fix = f"set the class of the part: {argument('settings', example, path)}"
         raise InputError(argument_name("settings", path), "this part of the scenario is missing", fix=fix)

@@ -80,7 +80,7 @@ def with_gain(name: str, scenario: Scenario, certificate: Certificate) -> Scenar
     _refuse_other_vehicle(certificate, describe_vehicle(world.vehicle, x, u))
     law = feedback_law(certificate, x, u, _assumed_vehicle(name, certificate))
     key, free = Key(np.uint32(0), np.uint32(0)), replace(autopilot, supervisor=None, monitor=None)
-    _, state = jax.eval_shape(lambda: start(world, free, to_arrays(x), key))
+    _, state = jax.eval_shape(lambda: start(to_arrays(world), to_arrays(free), to_arrays(x), key))
     _refuse_unread(law, state.estimate.state, certificate.system)
     if not _are_alike(state.output.demand, u):
         if not _are_alike(state.command.value, u):

@@ -13,14 +13,14 @@
   }
 
   /** Return the slider's value at which the parameters have their original values. */
-  const ownValue = (program, slider) => (slider.adds ? 0 : program.get(slider.which[0][0], 0));
+  const ownValue = (program, slider) => (slider.adds ? 0 : program.get(...slider.which[0].slice(0, 2)));
 
   /** Simulate a flight with these values, one per slider. Return all outputs of all instants, and the duration (ms). */
   function fly(program, values, seed) {
     program.defaults();
     about.sliders.forEach((slider, n) => {
-      for (const [which, size] of slider.which) {
-        for (let i = 0; i < size; i++) {
+      for (const [which, first, end] of slider.which) {
+        for (let i = first; i < end; i++) {
           program.set(which, i, slider.adds ? program.get(which, i) + values[n] : values[n]);
         }
       }
