@@ -105,6 +105,9 @@ def test_rejects_existing_bag_and_wrong_file_suffix(flight, tmp_path):
     refused = call("convert", flight, "--as", "rerun", "--out", tmp_path / "flight.txt")
     assert refused.exit_code == 2
     assert "flight.rrd" in refused.stderr
+    refused = call("convert", flight, "--as", "ros2", "--out", tmp_path / "new", "--period", "0")
+    assert refused.exit_code == 2
+    assert "--period: must be above 0, got '0'" in refused.stderr
 
 
 if HAS_RERUN:

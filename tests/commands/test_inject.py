@@ -7,10 +7,12 @@ import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
+from trimtab.core.errors import InputError
 from trimtab.core.time import FOREVER, seconds
 from trimtab.flight.autopilot_end import scenario_dialect
-from trimtab.flight.injector import add_idle_faults, format_value
+from trimtab.flight.injector import Injector, add_idle_faults, format_value
 from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.keys import passphrase_key
 from trimtab.flight.station.parameters import Parameters
 from trimtab.flight.station.standard_services import Station
 from trimtab.flight.transports.open_link import open_link
@@ -29,6 +31,32 @@ def test_fault_values_are_formatted_with_their_unit():
     assert format_value(duration, float(seconds(2))) == "2 s"
     assert format_value(duration, float(FOREVER)) == "until the end"
     assert format_value(word, float(KINDS.index("off"))) == "off"
+
+
+class Heard:
+    """Link on which the same packet arrives every 0.1 s; it is also the clock."""
+
+    def __init__(self, packet):
+        self.packet, self.now = packet, 0
+
+    def send(self, packet):
+        pass
+
+    def receive(self, timeout):
+        self.now += 100_000_000
+        return self.packet
+
+    def monotonic_ns(self):
+        return self.now
+
+
+def test_vehicle_with_another_key_is_reported_as_wrong_key():
+    scenario, _ = catalogue.load_scenario(NAME)
+    dialect, (theirs, ours) = scenario_dialect(scenario), (passphrase_key(f"a-key-for-tests-{k}") for k in range(2))
+    link = Heard(Endpoint(dialect, 1, 1, theirs).pack("HEARTBEAT", {}))
+    with pytest.raises(InputError, match="wrong key: the vehicle signs with another key") as refused:
+        Injector(link, Endpoint(dialect, 1, 192, ours), link).read_vehicle_time()
+    assert "copy of the vehicle's key file" in refused.value.fix
 
 
 class Played:

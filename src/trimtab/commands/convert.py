@@ -6,7 +6,7 @@ import click
 
 from trimtab.commands.foreign_logs import read_own_log
 from trimtab.commands.options import FILE, JSON, OUT
-from trimtab.commands.output import check_folder, check_out, print_files, print_json
+from trimtab.commands.output import check_folder, check_out, print_files, print_json, quote
 from trimtab.commands.progress import show_spinner
 from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
@@ -36,12 +36,14 @@ def command(file: Path, kind: str, out: Path, scenario: str | None, period: str,
     trimtab convert flight/run.mcap --as ros2 --out bag          and then:  ros2 bag play bag
     trimtab convert flight/run.mcap --as rerun --out flight.rrd  and then:  rerun flight.rrd
     """
-    from trimtab.logs.rerun_file import write_rerun
+    from trimtab.logs.rerun_file import import_rerun, write_rerun
     from trimtab.logs.ros2_bag import write_ros2_bag
     from trimtab.run.log_motion import read_imus, read_motion
     from trimtab.scenarios.recorded import rebuild_scenario
 
     apart = parse_time(period)
+    if apart <= 0:
+        raise InputError("--period", f"must be above 0, got {period!r}", fix="--period '10 ms'")
     if kind == "ros2":
         if out.exists():
             raise InputError("--out", f"{str(out)!r} already exists", fix="name a new folder; a bag cannot be extended")
@@ -51,9 +53,10 @@ def command(file: Path, kind: str, out: Path, scenario: str | None, period: str,
             raise InputError(
                 "--out",
                 f"{str(out)!r} is not a Rerun file; the name must end in .rrd",
-                fix=f"--out {out.with_suffix(ENDING)}",
+                fix=f"--out {quote(out.with_suffix(ENDING))}",
             )
         check_out("--out", out, f"flight{ENDING}")
+        import_rerun()
     log = read_own_log(file)
     flown = rebuild_scenario(log, scenario)
     enable_cache()

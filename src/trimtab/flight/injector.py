@@ -11,6 +11,7 @@ from trimtab.core.errors import InputError, argument_name
 from trimtab.core.interfaces import Link
 from trimtab.core.record import Quantity, leaves
 from trimtab.core.time import FOREVER, format_time
+from trimtab.flight.connection_problem import key_problem
 from trimtab.flight.exchange import request_answer
 from trimtab.flight.mavlink.definitions import Message
 from trimtab.flight.mavlink.endpoint import Endpoint
@@ -103,6 +104,10 @@ class Injector:
         if result is not None:
             return result
         counts = self.endpoint.counts
+        if counts.wrong_signature and not counts.accepted:
+            problem = key_problem(counts.wrong_signature, "").problem
+            fix = f"name the vehicle's scenario, or {argument_name('key')} FILE with a copy of the vehicle's key file"
+            raise InputError(argument_name("link"), problem, fix=fix)
         problem = f"no vehicle answers ({what}); received frames: {counts.accepted} accepted, {counts.refusals} refused"
         fix = (
             "start the vehicle: trimtab vehicle SCENARIO --listen URI; then use the vehicle's address, scenario, "

@@ -36,7 +36,7 @@ def write_rerun(file: Path, log: Log, motion: Any) -> dict[str, int]:
     Raises:
         InputError: the package rerun-sdk is missing.
     """
-    rr = _import_rerun()
+    rr = import_rerun()
     recording = rr.RecordingStream(NAME, recording_id=file.stem)
     recording.save(file)
     recording.log(WORLD, rr.ViewCoordinates.FRD, static=True)
@@ -67,7 +67,8 @@ def _send_body(rr: Any, recording: Any, motion: Any) -> None:
     recording.log(WAY, rr.LineStrips3D([motion.position]), static=True)
 
 
-def _import_rerun() -> Any:
+def import_rerun() -> Any:
+    """Return the package rerun. Raise InputError if the package is not installed."""
     try:
         return importlib.import_module("rerun")
     except ImportError:

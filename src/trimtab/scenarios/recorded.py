@@ -47,7 +47,7 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
     if name is None or not isinstance(settings, Mapping):
         missing = "its scenario" if name is None else "its parameters"
         fix = f"use a log of trimtab run or trimtab fly, or name the scenario: {argument('scenario', 'NAME')}"
-        raise InputError("replay", f"the log does not contain {missing}", fix=fix)
+        raise InputError("log", f"the log does not contain {missing}", fix=fix)
     parts = log.metadata.get("parts")
     recorded = _recorded_classes(settings, parts)
     compared = _keep_compared(recorded)
@@ -77,7 +77,7 @@ def _check_catalogue(name: str) -> str:
             "names it"
         )
         fix = f"if you trust the file, type its name: {argument('scenario', name if is_file else 'file.py:function')}"
-        raise InputError("replay", problem, choices=() if is_file else known, fix=fix)
+        raise InputError("log", problem, choices=() if is_file else known, fix=fix)
     return name
 
 
@@ -157,7 +157,7 @@ def _lists_to_tuples(value: Any) -> Any:
 def _difference_error(name: str, classes: dict[str, str], recorded: dict[str, str]) -> InputError:
     path = min(p for p in {*classes, *recorded} if classes.get(p) != recorded.get(p))
     was, now = recorded.get(path, "missing"), classes.get(path, "missing")
-    problem = f"the catalogue's {name!r} differs from the recorded scenario: {path} was {was}, but now is {now}"
-    fix = "replay with the version that recorded the log, or name a scenario with the same parts: "
+    problem = f"{name!r} differs from the recorded scenario: {path} was {was}, but now is {now}"
+    fix = "use the version of trimtab and of the file that recorded the log, or name a scenario with the same parts: "
     fix += argument("scenario", "file.py:function")
-    return InputError("replay", problem, fix=fix)
+    return InputError("log", problem, fix=fix)

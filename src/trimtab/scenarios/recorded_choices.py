@@ -94,4 +94,4 @@ def _check_fields(fields: Mapping[str, Any], rules: Mapping[str, _FieldRule], pr
 
 
 def _field_error(field: str, problem: str) -> InputError:
-    return InputError("replay", f"the log's field {field} {problem}", fix="use an unchanged log written by trimtab")
+    return InputError("log", f"the log's field {field} {problem}", fix="use an unchanged log written by trimtab")

@@ -68,7 +68,7 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
         raise InputError(where, "contains no rows", fix="give a complete log")
     vectors = [path for path, value, _ in leaves(scenario.initial) if np.shape(value)]
     if vectors:
-        problem = f"{', '.join(vectors)} are vectors, but each field of the vehicle's state must be one number"
+        problem = f"each field of the vehicle's state must be one number, but these are vectors: {', '.join(vectors)}"
         fix = "give a vehicle whose state has one field for each number, e.g. north, east and heading"
         raise InputError(f"identify, scenario {scenario.name!r}", problem, fix=fix)
     known = ("uplink.value", "command.value", "downlink.command.value")
