@@ -151,7 +151,8 @@ class Scenario(Generic[V]):
             lacking = " and ".join(repr(name) for name in self.autopilot.law.reads if name not in error.choices)
             problem = f"in the ideal twin, {law} reads {lacking}, which the sensor {sensor} does not measure"
             sensor_fix = "write Scenario(…, truth_sensor=…) with a sensor that measures this without error"
-            fix = f"{sensor_fix}, or fly without the ideal twin: {command('trimtab run SCENARIO --no-ideal', 'simulate(scenario)')}"
+            without_twin = command("trimtab run SCENARIO --no-ideal", "simulate(scenario)")
+            fix = f"{sensor_fix}, or fly without the ideal twin: {without_twin}"
             raise InputError("truth_sensor", problem, choices=error.choices, fix=fix) from None
 
     def _without_its_own(self, one: Any) -> Any:

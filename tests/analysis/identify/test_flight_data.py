@@ -188,7 +188,7 @@ def test_rejects_log_in_which_nothing_moves(tmp_path: Path) -> None:
 
 
 def test_rejects_vehicle_whose_state_has_vectors() -> None:
-    with pytest.raises(InputError, match="position, velocity, attitude, rate, rotor_speed are vectors"):
+    with pytest.raises(InputError, match="these are vectors: position, velocity, attitude, rate, rotor_speed"):
         read_flight(Log(np.zeros(1), np.zeros(1, np.int64), {"truth.x": np.zeros(1)}, {}), build("quadrotor/track"))
 
 
