@@ -14,7 +14,7 @@ from loop.falling import Ball, HeightState
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Estimator
-from trimtab.core.record import part, quantity, record, replace
+from trimtab.core.record import part, quantity, record, replace, to_arrays
 from trimtab.core.signals import Estimate, Frame, Motion, Sample, new_sample, no_motion
 from trimtab.estimators.linear_model import FilteredEstimate
 from trimtab.loop.own_code import describe_fault
@@ -211,6 +211,36 @@ def test_missing_allocation_suggests_direct_allocation():
     assert fault.fix == "call Autopilot with allocation=DirectAllocation()"
     fault = describe_fault(TypeError("Boat.__init__() missing 1 required positional argument: 'law'"))
     assert fault.fix == "call Boat with law=…"
+
+
+@record
+class CountedState:
+    """Height, and an integer. Source: this test."""
+
+    height: float = quantity("m", "Height.", default=1.0)
+    mode: int = quantity("1", "Mode.", kind="count", default=0)
+
+
+class Counted:
+    """Vehicle whose state contains an integer. slope: derivative of the integer."""
+
+    slope: float = 0
+
+    def dynamics(self, t, x, u):
+        return CountedState(-x.height, self.slope)
+
+    def motion(self, t, x, u):
+        return no_motion()
+
+
+def test_integer_of_the_state_with_real_derivative_is_refused():
+    state = to_arrays(CountedState())
+    check_vehicle(Counted(), state, None)
+    with pytest.raises(
+        InputError, match=r'CountedState.mode has kind="count", but its derivative is a real'
+    ) as refused:
+        check_vehicle(type("Growing", (Counted,), {"slope": 0.5})(), state, None)
+    assert "return the integer 0" in refused.value.fix
 
 
 MESSAGES = {

@@ -187,8 +187,22 @@ def check_vehicle(vehicle: Any, x: Any, u: Any) -> Any:
     rate = zeros_of(part, "world.actuators", vehicle.dynamics, 0.0, x, u)
     fix = f"return {type(x).__name__}(…) with the derivative of each field"
     check_alike(part, f"{place_of(vehicle.dynamics)}its return value", rate, x, fix)
+    _refuse_rounded_state(part, vehicle, rate, x)
     _check_events(vehicle, x)
     return motion
+
+
+def _refuse_rounded_state(part: str, vehicle: Any, rate: Any, x: Any) -> None:
+    """Raise InputError if an integer or a flag of the state has a real derivative: its integral would be rounded."""
+    slopes = {path: value for path, value, _ in leaves(rate)} if is_record(rate) else {}
+    for path, _, declared in leaves(x) if is_record(x) else ():
+        is_real = not isinstance(declared, Quantity) or jnp.issubdtype(declared.dtype(), jnp.floating)
+        if is_real or not jnp.issubdtype(jnp.result_type(slopes.get(path, 0)), jnp.floating):
+            continue
+        kind, place = f'kind="{declared.kind}"', place_of(vehicle.dynamics)
+        problem = f"{place}{type(x).__name__}.{path} has {kind}, but its derivative is a real number, which is rounded"
+        fix = f"leave {kind} out; for a mode that only jump() changes, return the integer 0 as its derivative"
+        raise InputError(part, problem, fix=fix)
 
 
 def _check_events(vehicle: Any, x: Any) -> None:
