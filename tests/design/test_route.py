@@ -82,3 +82,15 @@ def test_closed_wall_reports_zero_passage_width():
 def test_rejects_start_or_goal_without_clearance(start, goal, says):
     with pytest.raises(InputError, match=says):
         find_route(task(EMPTY, start=start, goal=goal))
+
+
+@pytest.mark.parametrize(
+    ("floor", "goal", "says"),
+    [
+        (EMPTY, (-2, -2.01), "start and goal are less than 5 cm apart"),
+        (EMPTY._replace(north=(-4000, 4000)), (2, 2), "8000 m by 8 m is too large: at most 10000"),
+    ],
+)
+def test_rejects_a_route_without_length_and_a_huge_floor(floor, goal, says):
+    with pytest.raises(InputError, match=says):
+        find_route(task(floor, goal=goal))

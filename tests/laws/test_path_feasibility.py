@@ -92,6 +92,21 @@ def test_rejects_infeasible_paths_with_time_and_fix(name):
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("north", "when"),
+    [(lambda t: 0.1 * t**3 / 400, 20), (lambda t: 2 - 0.1 * (20 - t) ** 3 / 400, 0)],
+    ids=["ends at full speed", "begins at full speed"],
+)
+def test_rejects_a_reference_that_does_not_begin_and_end_at_rest(north, when):
+    """A straight path of 20 s whose speed rises from zero to 0.3 m/s, or falls from 0.3 m/s to zero."""
+    t = np.linspace(0, 20, 11)
+    path = interpolate_path(t, np.column_stack([north(t), 0 * t]))
+    with pytest.raises(InputError, match=rf"at {when}.0 s the velocity of the reference jumps by 0.30 m/s") as refused:
+        refuse_infeasible(path, PLANT, LIMITS, 40.0)
+    assert "begin and end at rest" in refused.value.fix
+
+
+@pytest.mark.thorough
 def test_suggested_fix_is_feasible_and_near_the_limit():
     """The suggested period is within 5 % of the shortest feasible one."""
     path = Circle(radius=1.5, period=8.0)

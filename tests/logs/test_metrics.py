@@ -176,6 +176,7 @@ def test_metrics_match_a_plain_loop_on_random_walks():
 def test_mode_switches_are_counted():
     assert mode_switches(logged([0.0, 0.0])) == 0
     assert mode_switches(logged([0.0, 0.0, 0.0], law__switches=np.array([0, 1, 4], np.int32))) == 4
+    assert mode_switches(logged([0.0] * 5, law__mode=np.array([0, 2, 2, 1, 1], np.int32))) == 2
 
 
 @pytest.mark.parametrize(("value", "band"), [(1.0, 0.0), (1.0, -1.0), (1.0, math.nan), (math.inf, 1.0)])

@@ -6,9 +6,9 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import to_arrays
-from trimtab.core.reference import Circle, FigureEight, interpolate_path, pass_waypoints
+from trimtab.core.reference import Circle, FigureEight, ReferencePoint, interpolate_path, pass_waypoints
 from trimtab.core.time import ms, seconds
-from trimtab.loop.reference_text import parse_reference, plain_text, start_pose
+from trimtab.loop.reference_text import FORMS, parse_reference, plain_text, start_pose
 from trimtab.run.simulate import simulate
 from trimtab.scenarios.build import build
 from trimtab.scenarios.recorded import rebuild_scenario
@@ -42,6 +42,7 @@ def assert_same(a, b):
         ("circle(radius=150 cm, period=0.5 min, clockwise=false)", Circle(1.5, 30.0, clockwise=False)),
         ("eight(length=6, axis=90 deg)", FigureEight(length=6.0, axis=np.pi / 2)),
         ("waypoints(0 0, 3 0, 3 3; speed=0.5)", pass_waypoints([[0, 0], [3, 0], [3, 3]], 0.5)),
+        ("waypoints(0m 0cm, 300cm 0, 3 3; speed=50 cm/s)", pass_waypoints([[0, 0], [3, 0], [3, 3]], 0.5)),
         ("waypoints(0 0, 3 0, 3 3 0.3)", pass_waypoints([[0, 0], [3, 0], [3, 3]], [0.4, 0.3])),
     ],
 )
@@ -70,10 +71,18 @@ def test_reads_a_csv_path_with_units(tmp_path):
         ("circle(radius=three)", "'three' is not a number"),
         ("circle(radius=3 kg)", "not a unit"),
         ("circle(clockwise=perhaps)", "must be true or false"),
-        ("waypoints(0 0, 3)", "has 1 numbers, but must have 2 or 3"),
+        ("plan.txt", "is not a reference path; the name of a file must end in .csv"),
+        ("circle(radius=1, radius=2)", "radius is given twice"),
+        ("circle(period=0)", "Circle.period: 0.0 s is out of range"),
+        ("circle(radius=nan)", "Circle.radius: nan is not finite"),
+        ("waypoints(0 0, inf 0)", "inf is not finite"),
+        ("waypoints(0 0, 3 0; speed=3 kg)", "not a unit"),
+        ("waypoints(0 0, 3)", "must be 2 or 3 numbers with spaces between them, got 1"),
         ("waypoints(0 0, 3 0; tempo=3)", "is not speed=NUMBER"),
         ("places(0 s: 0 0, 3 0)", "is not TIME: NORTH EAST"),
         ("places(0: 0 0 1, 1: 1 0)", "some positions have a heading"),
+        ("places(0: 0 0, 1: 1 0)", "needs at least 6 of them, got 2"),
+        ("places(0: 0 0, 5: 1 0, 4: 2 0)", "time 4 s must be after 5 s"),
         ("nowhere.csv", "nowhere.csv"),
     ],
 )
@@ -92,6 +101,33 @@ def test_vehicle_starts_at_rest_at_the_start_of_the_path():
     there = build("hovercraft/track", {"reference": "circle()", "initial.north": "0.5"}).initial
     assert float(there.north) == 0.5
     assert start_pose(Circle(), 0.0)[:2] == pytest.approx((1.5, 0.0))
+
+
+def test_each_suggested_path_is_accepted():
+    for text in FORMS[:4]:
+        parse_reference(text)
+
+
+@pytest.mark.parametrize(
+    ("heading", "pose"), [(None, (0, -2, np.pi / 2)), (0.5, (-2 * np.cos(0.5), -2 * np.sin(0.5), 0.5))]
+)
+def test_start_pose_follows_the_first_motion_or_the_heading_of_the_path(heading, pose):
+    class Late:
+        """Path that moves east after 30 s."""
+
+        def at(self, t):
+            zero = np.zeros(2)
+            place = np.array([0.0, max(t - 30, 0)])
+            return ReferencePoint(place, zero, zero, zero, zero, heading or 0.0, heading is not None)
+
+    assert start_pose(Late(), 2.0) == pytest.approx(pose, abs=1e-12)
+
+
+def test_headings_turn_the_shorter_way_between_positions():
+    texts = [f"{4 * k}: {k} 0 {heading}deg" for k, heading in enumerate((350, 355, 0, 5, 10, 15))]
+    path = parse_reference(f"places({', '.join(texts)})")
+    ends = path.coefficients[:, :, 2] @ np.power(20.0, np.arange(6))
+    np.testing.assert_allclose(np.degrees(ends), 375, atol=1e-9)
 
 
 @pytest.mark.thorough

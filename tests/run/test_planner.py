@@ -35,7 +35,7 @@ def check_plan(task, plan, file):
     assert np.abs(flown["force_angle"]).max() <= LAW.deflection + 1e-12
     assert np.abs(np.diff(flown["thrust"])).max() <= LAW.thrust_rate * 0.02 + 1e-12
     assert np.abs(np.diff(flown["force_angle"])).max() <= LAW.angle_rate * 0.02 + 1e-12
-    plan.write(file)
+    file.write_text(plan.table())
     path = parse_reference(str(file))
     for t in np.linspace(0, plan.times[-1], 400):
         point = path.at(t)

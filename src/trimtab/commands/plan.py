@@ -5,9 +5,10 @@ from pathlib import Path
 import click
 
 from trimtab.commands.options import FILE, JSON, OUT, PLOT
-from trimtab.commands.output import check_out, check_picture, draw_plot, print_files, print_json, quote
+from trimtab.commands.output import check_out, check_picture, draw_plot, print_files, print_json, quote, write_text
 from trimtab.commands.progress import show_spinner
 from trimtab.core.cache_folder import enable_cache
+from trimtab.core.errors import InputError
 
 
 @click.command()
@@ -31,7 +32,10 @@ def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_j
     """
     check_picture(plot, None)
     if out is not None:
-        check_out("--out", out)
+        check_out("--out", out, "plan.csv")
+        if out.suffix != ".csv":
+            problem = f"{str(out)!r} does not end in .csv, so --reference would not read it"
+            raise InputError("--out", problem, fix=f"--out {out.with_suffix('.csv')}")
     from trimtab.design.obstacles import read_task  # JAX is imported below, after the input is checked
     from trimtab.design.route import Tempo
 
@@ -43,8 +47,7 @@ def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_j
         plan = plan_path(task, Tempo(speed=speed), str(floor))
     files = []
     if out is not None:
-        plan.write(out)
-        files.append(out)
+        files.append(write_text(out, plan.table()))
     if plot is not None:
         from trimtab.plots.planned_path import plot_planned_path
 
@@ -54,6 +57,8 @@ def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_j
         "duration_s": float(plan.times[-1]),
         "length_m": plan.length,
         "clearance_m": plan.clearance,
+        "arrival_m": plan.arrival[0],
+        "arrival_speed_m_s": plan.arrival[1],
         "speed_m_s": plan.tempo.speed,
         "thrust_N": [float(flown["thrust"].min()), float(flown["thrust"].max())],
         "force_angle_rad": float(abs(flown["force_angle"]).max()),
@@ -66,15 +71,11 @@ def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_j
     click.echo(
         f"  clearance              {result['clearance_m']:.2f} m between obstacles and craft at the closest point"
     )
+    click.echo(f"  arrival                {plan.arrival[0]:.2f} m from the goal, at {plan.arrival[1]:.2f} m/s")
     click.echo(f"  thrust                 {low:.2f} … {high:.2f} N, allowed {-plan.law.pull:g} … {plan.law.push:g} N")
     click.echo(
         f"  force angle            {result['force_angle_rad']:.2f} rad at most, allowed {plan.law.deflection:g} rad"
     )
     print_files(files)
     if out is not None:
-        start = (
-            ""
-            if task.heading is None
-            else "".join(f" --set initial.{name}={flown[name][0]:.6g}" for name in ("heading", "north", "east"))
-        )
-        click.echo(f"fly it:  trimtab run hovercraft/track --reference {quote(out)} --set law=horizon{start}")
+        click.echo(f"fly it:  trimtab run hovercraft/track --reference {quote(out)} --set law=horizon")

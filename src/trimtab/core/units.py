@@ -197,7 +197,7 @@ def parse_unit(part: str, text: str, kept: str) -> float:
     sizes, own = find_sizes(text), find_sizes(kept)
     common = next((unit for unit in (kept, *own) if unit in sizes and unit in own), None)
     if common is None:
-        choices = [kept, *(u for unit in own for u in UNITS[unit] if u != kept)]
+        choices = list(dict.fromkeys([kept, *(u for unit in own for u in UNITS[unit])]))
         raise InputError(
             part,
             f"{text!r} is not a unit of this quantity, whose unit is {kept}",

@@ -8,7 +8,7 @@ radius = 0.4                         radius of a circle about the centre of mass
 [start]
 north = -3
 east = -3
-heading = "90 deg"                   optional; default: the initial direction of the route
+heading = "90 deg"                   optional; a number is in radians; default: the initial direction of the route
 [goal]
 north = 3
 east = 3
@@ -29,10 +29,18 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.suggestions import closest
-from trimtab.core.units import find_size
+from trimtab.core.units import parse_amount
 from trimtab.core.user_file import read_user_text
 
-SECTIONS = ("floor", "craft", "start", "goal", "circle", "polygon")
+SECTIONS = {
+    "floor": ("north", "east"),
+    "craft": ("radius",),
+    "start": ("north", "east", "heading"),
+    "goal": ("north", "east"),
+    "circle": ("north", "east", "radius"),
+    "polygon": ("corners",),
+}
+"""Sections of a file -> settings of the section."""
 FIX = """write e.g.
 [floor]
 north = [-4, 4]
@@ -105,13 +113,13 @@ def parse_task(content: Mapping[str, Any], part: str = "plan") -> PlanTask:
     """Return the planning task described by a file's content; raise InputError if the content is not valid."""
     for name in content:
         if name not in SECTIONS:
-            near = closest(name, SECTIONS, 1)
-            raise InputError(part, f"unknown section [{name}]", choices=SECTIONS, fix=f"[{(near or SECTIONS)[0]}]")
+            near = closest(name, SECTIONS, 1) or list(SECTIONS)
+            raise InputError(part, f"unknown section [{name}]", choices=SECTIONS, fix=f"[{near[0]}]")
     floor = ObstacleFloor(
         north=_span(content, part, "north"),
         east=_span(content, part, "east"),
-        circles=np.array([_circle(c, f"{part} [[circle]] {k + 1}") for k, c in enumerate(content.get("circle", []))]),
-        polygons=tuple(_corners(c, f"{part} [[polygon]] {k + 1}") for k, c in enumerate(content.get("polygon", []))),
+        circles=np.array([_circle(c, where) for where, c in _obstacles(content, part, "circle")]),
+        polygons=tuple(_corners(c, where) for where, c in _obstacles(content, part, "polygon")),
     )
     start, goal, craft = (_section(content, part, name) for name in ("start", "goal", "craft"))
     heading = start.get("heading")
@@ -128,7 +136,26 @@ def _section(content: Mapping[str, Any], part: str, name: str) -> Mapping[str, A
     section = content.get(name)
     if not isinstance(section, Mapping):
         raise InputError(part, f"[{name}] is missing", fix=FIX)
+    _check_keys(section, f"{part} [{name}]", SECTIONS[name])
     return section
+
+
+def _check_keys(section: Mapping[str, Any], part: str, known: tuple[str, ...]) -> None:
+    """Raise InputError for a setting that is not known."""
+    for key in section:
+        if key not in known:
+            raise InputError(part, f"unknown setting {key!r}", choices=known, fix=(closest(key, known, 1) or known)[0])
+
+
+def _obstacles(content: Mapping[str, Any], part: str, name: str) -> list[tuple[str, Mapping[str, Any]]]:
+    """Return each obstacle of a kind, after its name for error messages."""
+    found: Any = content.get(name, [])
+    if not isinstance(found, list) or not all(isinstance(one, Mapping) for one in found):
+        raise InputError(part, f"[{name}] must be a list of sections, one for each {name}", fix=f"write [[{name}]]")
+    named = [(f"{part} [[{name}]] {k + 1}", one) for k, one in enumerate(found)]
+    for where, one in named:
+        _check_keys(one, where, SECTIONS[name])
+    return named
 
 
 def _span(content: Mapping[str, Any], part: str, name: str) -> tuple[float, float]:
@@ -144,10 +171,12 @@ def _is_number(value: Any) -> bool:
 
 
 def _number(section: Mapping[str, Any], part: str, name: str) -> float:
-    value = section.get(name)
+    if name not in section:
+        raise InputError(part, f"{name} is missing", fix=f"{name} = 1.5")
+    value = section[name]
     if not _is_number(value):
         raise InputError(part, f"{name} must be a number of metres, got {value!r}", fix=f"{name} = 1.5")
-    return float(value)  # pyright: ignore[reportArgumentType]
+    return float(value)
 
 
 def _positive(section: Mapping[str, Any], part: str, name: str) -> float:
@@ -171,15 +200,15 @@ def _corners(section: Mapping[str, Any], part: str) -> Any:
 
 
 def _angle(value: Any, part: str) -> float:
-    """Convert a number (rad), or a text with a unit such as "90 deg", to an angle in rad."""
-    number, _, unit = str(value).partition(" ")
-    size = find_size(unit or "rad", "rad")
+    """Convert a number (rad), or a text with a unit such as "90 deg", to an angle in rad of at most one turn."""
+    fix = 'heading = "90 deg"'
     try:
-        angle = float(number) * (np.nan if size is None else size)
-    except ValueError:
-        angle = np.nan
-    if not np.isfinite(angle):
-        raise InputError(part, f"must be an angle, got {value!r}", fix='heading = "90 deg"')
+        angle = parse_amount(part, value if isinstance(value, str) else repr(value), "rad")
+    except InputError as error:
+        raise InputError(part, f"must be an angle, got {value!r}", choices=error.choices, fix=fix) from None
+    if not abs(angle) <= 2 * np.pi:
+        unit = "" if isinstance(value, str) else " rad"
+        raise InputError(part, f"must be an angle of at most one turn, got {value}{unit}", fix=fix)
     return angle
 
 

@@ -22,6 +22,8 @@ from trimtab.design.obstacles import ObstacleFloor, PlanTask
 
 GRID = 0.1
 """Distance between neighbouring points of the search grid (m)."""
+LARGEST = 10_000.0
+"""Largest area of a floor (m^2): a million points of the search grid."""
 MARGINS = (0.3, 0.2, 0.12, 0.06)
 """Margins (m) between craft and obstacles, tried in this order. The first margin for which a route exists is used."""
 SPACING = 0.05
@@ -74,6 +76,7 @@ def find_route(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") -
     Raises: InputError if the start or the goal is too close to an obstacle, or if every passage is too narrow.
     """
     floor, tempo = task.floor, tempo or Tempo()
+    _refuse_size(floor, part)
     _refuse_ends(task, part)
     grid = _make_grid(floor)
     ends = grid.nearest(task.start), grid.nearest(task.goal)
@@ -92,6 +95,13 @@ def find_route(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") -
     raise InputError(part, problem, fix=fix)
 
 
+def _refuse_size(floor: ObstacleFloor, part: str) -> None:
+    sides = [float(high - low) for low, high in (floor.north, floor.east)]
+    if sides[0] * sides[1] > LARGEST:
+        problem = f"the floor of {sides[0]:g} m by {sides[1]:g} m is too large: at most {LARGEST:g} m^2 can be searched"
+        raise InputError(part, problem, fix="write a smaller floor, with lengths in metres")
+
+
 def _refuse_ends(task: PlanTask, part: str) -> None:
     for name, place in (("start", task.start), ("goal", task.goal)):
         left = float(task.floor.clearance([place])[0])
@@ -103,6 +113,9 @@ def _refuse_ends(task: PlanTask, part: str) -> None:
             raise InputError(
                 part, problem, fix=f"move the {name} to a place with at least {task.radius + 0.1:g} m around it"
             )
+    if np.hypot(*np.subtract(task.start, task.goal)) < SPACING:
+        problem = f"start and goal are less than {100 * SPACING:g} cm apart"
+        raise InputError(part, problem, fix="move the goal away from the start")
 
 
 def _make_grid(floor: ObstacleFloor) -> _Grid:

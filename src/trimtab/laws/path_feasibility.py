@@ -28,6 +28,9 @@ from trimtab.vehicles.hovercraft import Hovercraft
 
 STEP = 0.02
 """Time (s) between two instants at which the reference is checked."""
+JUMP = 0.2
+"""Largest jump of the reference's velocity (m/s), at its start, where the craft is at rest, or at its end. The ideal
+craft deviates from the reference by about 1 m for each m/s of the jump."""
 SLOWEST = 8.0
 """Largest factor by which the search for a feasible reference slows the reference down."""
 
@@ -58,7 +61,8 @@ class PathMotion(NamedTuple):
     """Motion that a reference demands of the craft at each instant t (s), as arrays (n,).
 
     heading: in rad, unwrapped.  yaw_rate: in rad/s.  FX, FY: in N.  specific: acceleration that the thrust must
-    cause (n, 2), in W (m/s^2).
+    cause (n, 2), in W (m/s^2).  jump: change of the velocity since the previous instant that is not due to the
+    acceleration, in m/s. The craft is at rest before the first instant.
     """
 
     t: Any
@@ -67,11 +71,13 @@ class PathMotion(NamedTuple):
     FX: Any
     FY: Any
     specific: Any
+    jump: Any
 
 
 class _Breach(NamedTuple):
-    """Violated limit: its description, demand divided by limit (above 1), and time (s)."""
+    """Violated limit: its name and description, demand divided by limit (above 1), and time (s)."""
 
+    name: str
     problem: str
     use: float
     t: float
@@ -99,7 +105,9 @@ def path_motion(reference: Any, model: Hovercraft, duration: float, slower: floa
     along = np.sum(nose * specific, axis=1)
     FX = model.mass * (along + model.percussion_arm * rate**2)
     FY = -(model.inertia * np.gradient(rate, t) - torque) / model.arm
-    return PathMotion(t, heading, rate, FX, FY, specific)
+    sudden = np.diff(velocity, axis=0) - (wanted[1:] + wanted[:-1]) / 2 * np.diff(t)[:, None]
+    jump = np.hypot(*np.vstack([velocity[:1], sudden]).T)
+    return PathMotion(t, heading, rate, FX, FY, specific, jump)
 
 
 def refuse_infeasible(reference: Any, model: Hovercraft, limits: ThrustLimits, duration: float) -> None:
@@ -112,6 +120,9 @@ def refuse_infeasible(reference: Any, model: Hovercraft, limits: ThrustLimits, d
     if breach is None:
         return
     problem = f"the hovercraft cannot follow the reference: at {breach.t:.1f} s {breach.problem}"
+    if breach.name == "jump":
+        fix = "let the reference begin and end at rest: increase its ease, or let its speed rise and fall gradually"
+        raise InputError("reference", problem, fix=fix)
     factor = _feasible_tempo(reference, model, limits, duration)
     raise InputError("reference", problem, fix=_slower_text(reference, factor))
 
@@ -150,6 +161,7 @@ def _worst_breach(motion: PathMotion, model: Hovercraft, limits: ThrustLimits) -
         "side": np.where(thrusts, np.abs(FY) / side, 0.0),
         "turn": np.where(thrusts, np.abs(motion.yaw_rate) / rate, 0.0),
         "drift": lost / float(limits.drift),
+        "jump": motion.jump / JUMP,
     }
     name = max(uses, key=lambda n: float(uses[n].max()))
     k = int(uses[name].argmax())
@@ -162,9 +174,10 @@ def _worst_breach(motion: PathMotion, model: Hovercraft, limits: ThrustLimits) -
         "turn": f"the nose has to turn at {abs(motion.yaw_rate[k]):.2f} rad/s, above the limit of {rate:.2f} rad/s",
         "drift": f"the reference needs thrust in the dead zone, below {float(limits.dead_zone):g} N, and would "
         f"lose {lost[k]:.2f} m/s there",
+        "jump": f"the velocity of the reference jumps by {motion.jump[k]:.2f} m/s, above the limit of {JUMP:g} m/s",
     }
     use = float(uses[name][k])
-    return _Breach(texts[name], use, float(t[k])) if use > 1 else None
+    return _Breach(name, texts[name], use, float(t[k])) if use > 1 else None
 
 
 def _velocity_loss(motion: PathMotion, thrusts: Any) -> Any:

@@ -103,10 +103,12 @@ def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict
 
 
 def mode_switches(log: Log) -> int:
-    """Return the number of mode switches of the law: the last value of ``law.switches``, or 0 without this signal."""
+    """Return the number of mode switches of the law: the last value of ``law.switches`` if the law counts them, or the
+    number of changes of ``law.mode``. It is 0 for a law without modes.
+    """
     if "law.switches" in log and len(log):
         return int(log["law.switches"][-1])
-    return 0
+    return int(np.count_nonzero(np.diff(log["law.mode"], axis=0))) if "law.mode" in log else 0
 
 
 def nearest_target_value(log: Log, target: Target) -> float:

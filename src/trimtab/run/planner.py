@@ -10,7 +10,6 @@ autonomous urban driving", IEEE Trans. Control Systems Technology 17 (2009) 1105
 loop.
 """
 
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,8 +58,9 @@ class FlownPlan(NamedTuple):
     times: times of the plan (n,), in s.  places: positions of the centre of percussion P in the world frame W (n, 2),
     in m.  headings: headings (n,), in rad, unwrapped.  flown: arrays (m,) of the simulated flight: time, north and east
     of the centre of mass, heading, thrust (N), force angle (rad), clearance (m).  route: result of the route search.
-    clearance: smallest distance between the circle around the craft and an obstacle (m).  tempo: speed and
-    accelerations of the route.  law: control law of the simulated flight.
+    clearance: smallest distance between the circle around the craft and an obstacle (m).  arrival: distance from the
+    goal (m) and speed (m/s) at the end.  tempo: speed and accelerations of the route.  law: control law of the
+    simulated flight.
     """
 
     times: Any
@@ -69,6 +69,7 @@ class FlownPlan(NamedTuple):
     flown: dict[str, Any]
     route: Route
     clearance: float
+    arrival: tuple[float, float]
     tempo: Tempo
     law: RecedingHorizon
 
@@ -81,16 +82,16 @@ class FlownPlan(NamedTuple):
         """Return the plan as a reference path for a law."""
         return interpolate_path(self.times, self.places, self.headings)
 
-    def write(self, file: str | Path) -> None:
-        """Write the plan to a CSV file that can be used as ``--reference``."""
+    def table(self) -> str:
+        """Return the plan as the text of a CSV file that can be used as ``--reference``."""
         rows = [",".join(("time [s]", "north [m]", "east [m]", "heading [deg]"))]
         for t, (north, east), heading in zip(self.times, self.places, self.headings, strict=True):
             rows.append(f"{t:.3f},{north:.5f},{east:.5f},{np.degrees(heading):.4f}")
-        Path(file).write_text("\n".join(rows) + "\n", encoding="utf-8")
+        return "\n".join(rows) + "\n"
 
 
 def plan_path(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") -> FlownPlan:
-    """Return a flyable plan that begins at rest at the start and ends at rest at the goal.
+    """Return a flyable plan that begins at rest at the start and ends near the goal, almost at rest (`ARRIVED`).
 
     Args:
         task: floor with obstacles, start, goal, and radius of the circle around the craft.
@@ -109,7 +110,7 @@ def plan_path(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") ->
         flown = _fly(task, route)
         problem = problem or _find_problem(task, flown)
         if not _find_problem(task, flown):
-            return _sample(route, flown, tried)
+            return _sample(task, route, flown, tried)
     problem += f"; {len(TEMPOS) - 1} other tempos (speed and accelerations) fail too"
     raise InputError(part, problem, fix="move the obstacles apart there, or plan for a craft of smaller radius")
 
@@ -156,11 +157,16 @@ def _find_problem(task: PlanTask, flown: dict[str, Any]) -> str:
         north, east = places[worst]
         comes = "touches an obstacle" if left < 0 else f"comes within {100 * left:.0f} cm of an obstacle"
         return f"flown within its limits, the craft {comes} at {north:.2f} {east:.2f}, {flown['time'][worst]:.1f} s"
-    away = np.hypot(*(_percussion_points(flown)[-1] - np.asarray(task.goal)))
-    speed = np.hypot(flown["surge_velocity"][-1], flown["sway_velocity"][-1])
+    away, speed = _arrival(task, flown)
     if away > ARRIVED[0] or speed > ARRIVED[1]:
         return f"flown within its limits, the craft ends {away:.2f} m from the goal, at {speed:.2f} m/s"
     return ""
+
+
+def _arrival(task: PlanTask, flown: dict[str, Any]) -> tuple[float, float]:
+    """Return the distance from the goal (m) and the speed (m/s) at the end of a simulated flight."""
+    away = np.hypot(*(_percussion_points(flown)[-1] - np.asarray(task.goal)))
+    return float(away), float(np.hypot(flown["surge_velocity"][-1], flown["sway_velocity"][-1]))
 
 
 def _percussion_points(flown: dict[str, Any]) -> Any:
@@ -169,9 +175,10 @@ def _percussion_points(flown: dict[str, Any]) -> Any:
     return np.column_stack([flown["north"] + arm * np.cos(heading), flown["east"] + arm * np.sin(heading)])
 
 
-def _sample(route: Route, flown: dict[str, Any], tempo: Tempo) -> FlownPlan:
+def _sample(task: PlanTask, route: Route, flown: dict[str, Any], tempo: Tempo) -> FlownPlan:
     each = round(SAMPLE / 0.02)
     rows = slice(0, None, each)
     least = float(flown["clearance"].min())
     points = _percussion_points(flown)
-    return FlownPlan(flown["time"][rows], points[rows], flown["heading"][rows], flown, route, least, tempo, LAW)
+    times, headings = flown["time"][rows], flown["heading"][rows]
+    return FlownPlan(times, points[rows], headings, flown, route, least, _arrival(task, flown), tempo, LAW)
