@@ -24,4 +24,6 @@ def keep_quick_cases(tests: Sequence[pytest.Item]) -> None:
         what = f"{tests[0].nodeid.partition('[')[0]}: the mark thorough names {unknown}, which are no cases of the test"
         raise pytest.Collector.CollectError(f"{what}. Its cases: {cases}")
     for test, case in zip(tests, cases, strict=True):
-        test.own_markers[:] = [m for m in test.own_markers if m.name != "thorough" or not m.args or case in map(str, m.args)]
+        test.own_markers[:] = [
+            m for m in test.own_markers if m.name != "thorough" or not m.args or case in map(str, m.args)
+        ]
