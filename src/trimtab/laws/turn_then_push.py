@@ -64,7 +64,8 @@ class TurnThenPush:
 
     Ends:    at rest the craft stays anywhere within `near` of the place and with any heading. It cannot hold a heading
              at rest, because each turn pushes it away.
-    Valid:   as far as the friction lets the craft coast: an outside force above m k start moves it in jerks.
+    Valid:   for a slow turn: each turn changes the velocity by about J turn_rate/(m arm tan psi_max), where psi_max is
+             the largest angle of the stream (0.27 m/s here). If this is much more than `start`, the law turns forever.
     Source:  own derivation; all gains are our own choice.
     """
 
@@ -91,9 +92,9 @@ class TurnThenPush:
     stop: Scalar = quantity("m/s", "Velocity error along the nose below which a push ends.", default=0.03, low=0)
     aligned: Scalar = quantity("rad", "Heading error below which a push starts.", default=0.25, above=0)
     lost: Scalar = quantity("rad", "Heading error above which a push ends and a turn starts.", default=0.8, above=0)
-    kh: Scalar = quantity("1/s", "Heading gain: yaw rate per heading error.", default=2.0, above=0)
+    kh: Scalar = quantity("1/s", "Heading gain: yaw rate per heading error.", default=1.2, above=0)
     kr: Scalar = quantity("1/s", "Yaw rate gain: yaw acceleration per yaw rate error.", default=5.0, above=0)
-    turn_rate: Scalar = quantity("rad/s", "Maximum yaw rate.", default=2.0, above=0)
+    turn_rate: Scalar = quantity("rad/s", "Maximum yaw rate.", default=1.5, above=0)
     model: RudderHovercraft = part("Vehicle model used by the law.", default=RudderHovercraft())
 
     def check(self) -> None:
