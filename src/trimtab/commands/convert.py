@@ -66,6 +66,7 @@ def command(file: Path, kind: str, out: Path, scenario: str | None, period: str,
             counts = write_ros2_bag(out, motion, imus, int(log.metadata.get(EPOCH, 0)))
             files = sorted(out.iterdir())
         else:
+            out.parent.mkdir(parents=True, exist_ok=True)
             counts, files = write_rerun(out, log, motion), [out]
     if as_json:
         print_json({"log": str(file), "to": kind, "messages": counts}, files)

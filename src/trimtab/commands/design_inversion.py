@@ -9,7 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
-from trimtab.commands.options import PLOT
+from trimtab.commands.options import PLOT, FiniteRange
 from trimtab.commands.output import (
     check_out,
     check_picture,
@@ -67,7 +67,11 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
             help="With --inversion: final value of each --output, in the same order.",
         ),
         click.option(
-            "--in", "seconds_long", type=float, metavar="SECONDS", help="With --inversion: duration of the change."
+            "--in",
+            "seconds_long",
+            type=FiniteRange(),
+            metavar="SECONDS",
+            help="With --inversion: duration of the change.",
         ),
         PLOT("Draw states, inputs and outputs to this picture. Only with --inversion.", "picture"),
     )

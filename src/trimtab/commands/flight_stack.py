@@ -11,6 +11,7 @@ from click.core import ParameterSource
 
 from trimtab.commands.flight_summary import print_truth, summarise_truth
 from trimtab.commands.line import current_machine, is_local
+from trimtab.commands.options import FiniteRange
 from trimtab.commands.output import new_log, print_json, print_log_size
 from trimtab.commands.progress import show_spinner
 from trimtab.core.errors import InputError
@@ -98,7 +99,7 @@ CHANNELS = click.option(
 )
 RELEASE = click.option(
     "--release",
-    type=float,
+    type=FiniteRange(),
     metavar="PULSE",
     help="Hold the vehicle until an output pulse reaches this width, in µs.  "
     "[default: until a pulse leaves its rest value]",

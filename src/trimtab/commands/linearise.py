@@ -8,7 +8,7 @@ import click
 import numpy as np
 
 from trimtab.commands.linearise_loop import print_loop
-from trimtab.commands.options import AT, JSON, NAVIGATION, OUT, PLOT, SET, VEHICLE, WITHOUT
+from trimtab.commands.options import AT, JSON, NAVIGATION, OUT, PLOT, SET, VEHICLE, WITHOUT, FiniteRange
 from trimtab.commands.output import check_out, new_table, print_files, print_json, print_table, write_text
 from trimtab.commands.trim import point_json, print_point
 from trimtab.core.errors import InputError
@@ -64,7 +64,7 @@ ON_AXIS = 1e-7
 @click.option("--direct", is_flag=True, help="With --closed-loop: apply the law's demand directly, without actuators.")
 @click.option(
     "--settle",
-    type=float,
+    type=FiniteRange(),
     metavar="SECONDS",
     help="With --closed-loop: time to fly before linearising, to reach a steady state. Default: 10, 100 or 1000, the "
     "first that leads to rest.",
@@ -72,7 +72,7 @@ ON_AXIS = 1e-7
 @click.option(
     "--round",
     "round_time",
-    type=float,
+    type=FiniteRange(),
     metavar="SECONDS",
     help="With --closed-loop: duration of one lap, for a reference on a closed path.",
 )

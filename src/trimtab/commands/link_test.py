@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-from trimtab.commands.options import JSON, OUT, PLOT, SEED
+from trimtab.commands.options import JSON, OUT, PLOT, SEED, FiniteRange
 from trimtab.commands.output import (
     check_picture,
     draw_plot,
@@ -62,7 +62,7 @@ REQUESTS_MIN = 10
     help="Load during the measurement: data rates up/down in kb/s. May be repeated.",
 )
 @click.option("--requests", type=int, default=300, show_default=True, help="Number of requests for each load.")
-@click.option("--rate", type=float, default=10.0, show_default=True, help="Requests per second.")
+@click.option("--rate", type=FiniteRange(), default=10.0, show_default=True, help="Requests per second.")
 @SEED
 @PLOT("Draw histograms of the delays to this picture.")
 @OUT("DIR", "Write delay table, histograms, recordings and simulation settings to this folder.")

@@ -13,7 +13,19 @@ from trimtab.analysis.campaign.search.map_theory import StabilityCriterion, stab
 from trimtab.analysis.campaign.search.stability_map import SWING, StabilityMap, parse_success, stability_map
 from trimtab.analysis.campaign.store.memo import FlightMemo
 from trimtab.commands.kept_flights import keep_flights
-from trimtab.commands.options import FLIGHT, JSON, PLOT, RUNS, SCENARIO, SEED, STORE, SUCCESS, THREADS, WITHOUT
+from trimtab.commands.options import (
+    FLIGHT,
+    JSON,
+    PLOT,
+    RUNS,
+    SCENARIO,
+    SEED,
+    STORE,
+    SUCCESS,
+    THREADS,
+    WITHOUT,
+    FiniteRange,
+)
 from trimtab.commands.output import check_picture, draw_plot, print_files, print_json
 from trimtab.commands.progress import show_progress
 from trimtab.core.cache_folder import enable_cache
@@ -50,11 +62,11 @@ Criteria = tuple[StabilityCriterion, ...]
     help="Number of times that each cell on the boundary is halved.",
 )
 @click.option(
-    "--threshold", type=click.FloatRange(0, 1), default=0.5, show_default=True, help="Success rate on the boundary."
+    "--threshold", type=FiniteRange(0, 1), default=0.5, show_default=True, help="Success rate on the boundary."
 )
 @click.option(
     "--swing",
-    type=click.FloatRange(0),
+    type=FiniteRange(0),
     default=SWING,
     show_default=True,
     help="Without --success: largest accepted oscillation at the end of a run, as a fraction of the target band.",

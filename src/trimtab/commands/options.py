@@ -1,5 +1,6 @@
 """Options and arguments shared by several subcommands, with the functions that parse them."""
 
+import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,17 @@ REFERENCE = "trimtab.reference"
 """Key under which the click context stores the settings of ``--reference``."""
 CHOICES = "trimtab.choices"
 """Key under which the click context stores options that change one setting, e.g. ``--duration``."""
+
+
+class FiniteRange(click.FloatRange):
+    """Type of an option for a finite number in a range. click's own type accepts nan."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number. Report an error of the command line if the number is nan or infinite."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
 
 
 def parse_settings(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from trimtab.commands.options import FILE, JSON, OUT, PLOT
+from trimtab.commands.options import FILE, JSON, OUT, PLOT, FiniteRange
 from trimtab.commands.output import check_out, check_picture, draw_plot, print_files, print_json, quote, write_text
 from trimtab.commands.progress import show_spinner
 from trimtab.core.cache_folder import enable_cache
@@ -15,7 +15,7 @@ from trimtab.core.errors import InputError
 @click.argument("floor", type=FILE, metavar="FLOOR.toml")
 @OUT("FILE.csv", "Write the path to this file, as a table of time, north, east and heading.")
 @PLOT("Draw obstacles, planned path and flight to this picture.")
-@click.option("--speed", type=click.FloatRange(0.05, 1.0), default=0.5, show_default=True, help="Maximum speed, m/s.")
+@click.option("--speed", type=FiniteRange(0.05, 1.0), default=0.5, show_default=True, help="Maximum speed, m/s.")
 @JSON
 def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_json: bool) -> None:
     """Plan a path between obstacles within the craft's limits.

@@ -156,6 +156,8 @@ def _step_estimator(
     off = {n: _state_error(estimated, n, v)[valid] for n, v in truths.items() if v is not None}
     errors = {n: float(np.sqrt(np.mean(v * v))) for n, v in off.items() if len(v)}
     navigation = assess_navigation(estimated)
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
     files = [] if out is None else [write_mcap(estimated, out)]
     if as_json:
         verdict = None if navigation is None else navigation.plain()

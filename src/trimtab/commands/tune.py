@@ -13,7 +13,20 @@ from trimtab.analysis.campaign.search.comparison import Comparison
 from trimtab.analysis.campaign.search.scenario_file import check_file, write_scenario
 from trimtab.analysis.campaign.search.tune import TuningResult
 from trimtab.commands.kept_flights import keep_flights
-from trimtab.commands.options import FLIGHT, JSON, OUT, PLOT, RUNS, SCENARIO, SEED, SPREAD, STORE, THREADS, WITHOUT
+from trimtab.commands.options import (
+    FLIGHT,
+    JSON,
+    OUT,
+    PLOT,
+    RUNS,
+    SCENARIO,
+    SEED,
+    SPREAD,
+    STORE,
+    THREADS,
+    WITHOUT,
+    FiniteRange,
+)
 from trimtab.commands.output import check_out, check_picture, draw_plot, print_files, print_json
 from trimtab.commands.progress import show_progress
 from trimtab.core.cache_folder import enable_cache
@@ -72,7 +85,7 @@ def parse_gains(context: click.Context, parameter: click.Parameter, values: tupl
 )
 @click.option(
     "--width",
-    type=float,
+    type=FiniteRange(),
     default=0.05,
     show_default=True,
     help="With --method gradient: width of the smoothing, as a fraction of a gain's range.",
